@@ -1,0 +1,99 @@
+"""Folders of results: written whole or not at all, and never over something else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from merap.errors import OutputError
+
+MANIFEST = "manifest.json"
+
+
+@contextmanager
+def result_folder(path: Path, kind: str) -> Iterator[Path]:
+    """Yield an empty folder that takes the place of `path` when the block succeeds.
+
+    `path` may be absent, empty, or hold an earlier result of the same kind and nothing else.
+
+    Args:
+        path: where the result shall be.
+        kind: stands in its manifest, which the block must write with `write_manifest`.
+
+    Raises:
+        OutputError: `path` holds something else, or can't be written.
+    """
+    _require_replaceable(path, kind)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    except OSError as error:
+        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
+    try:
+        yield staging
+        staging.chmod(0o755)
+        if path.exists():
+            shutil.rmtree(path)
+        staging.rename(path)
+    except OSError as error:
+        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def write_manifest(folder: Path, kind: str, content: Mapping[str, Any], files: Sequence[str]) -> None:
+    """Write `manifest.json`: what was made from what, and the SHA-256 of each file."""
+    entries = [{"file": name, "sha256": _digest(folder / name)} for name in files]
+    manifest = {"kind": kind, **content, "files": entries}
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _require_replaceable(path: Path, kind: str) -> None:
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise OutputError(f"{path}: is a file, expected a folder")
+    present = {entry.name for entry in path.iterdir()}
+    strangers = sorted(present - _files_of_result(path, kind))
+    if strangers:
+        raise OutputError(f"{path}: holds something else ({strangers[0]}); choose an empty folder")
+
+
+def _files_of_result(path: Path, kind: str) -> set[str]:
+    """The files an earlier result of that kind consists of; none if there is no such result."""
+    try:
+        manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        if manifest["kind"] != kind:
+            return set()
+        return {MANIFEST, *(str(entry["file"]) for entry in manifest["files"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def write_file(path: Path, content: str, *, force: bool = False) -> None:
+    """Write one file of text, whole or not at all.
+
+    Raises:
+        OutputError: it exists and `force` is not set, or can't be written.
+    """
+    if path.exists() and not force:
+        raise OutputError(f"{path}: exists already; choose another name or remove it")
+    staging = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        staging.write_text(content, encoding="utf-8")
+        staging.replace(path)
+    except OSError as error:
+        staging.unlink(missing_ok=True)
+        raise OutputError(f"{path}: can't be written: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""Model checkers, and what they say of a model."""

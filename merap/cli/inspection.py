@@ -1,0 +1,76 @@
+"""`validate`, `show`, `difference`: look at a case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from merap.base.build import build_base, model_of
+from merap.cli import options
+from merap.cli.output import number, say, table, warn, write_json
+from merap.concerns.case_study import CaseStudy, load_case
+from merap.mdp.difference import model_difference
+
+Weight = Annotated[float, typer.Option(min=0)]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these verbs."""
+    app.command()(validate)
+    app.command()(show)
+    app.command()(difference)
+
+
+def validate(case: options.Case) -> None:
+    """Check that a case is sound; say what it consists of."""
+    study = load_case(case)
+    warn(study.warnings)
+    say(
+        f"{study.name}: {study.space.num_locations} locations, {len(study.modes)} modes, "
+        f"{len(study.actions)} actions; {study.size} combinations; "
+        f"online systems: {', '.join(study.systems) or 'none'}"
+    )
+
+
+def show(
+    case: options.Case,
+    out: options.Out,
+    system: options.SystemName = "met",
+    attribute: Annotated[str | None, typer.Option(help="Which attribute to colour by.")] = None,
+    force: options.Force = False,
+) -> None:
+    """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
+    from merap.report.map import draw_map
+    from merap.report.saving import save_figure
+
+    study = load_case(case)
+    for written in save_figure(draw_map(study.system(system), attribute=attribute), out, force=force):
+        say(f"wrote {written}")
+
+
+def difference(
+    case: options.Case,
+    system: options.SystemName = "met",
+    w1: Weight = 1.0,
+    w2: Weight = 1.0,
+    most: Annotated[int, typer.Option(min=1, help="How many of the nearest combinations to list.")] = 5,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
+    study = load_case(case)
+    rows = _differences(study, system, w1, w2)
+    write_json(
+        json,
+        {"case": study.name, "system": system, "w1": w1, "w2": w2, "difference": rows[0]["total"], "nearest": rows[0]["combination"], "terms": rows},
+        force=force,
+    )
+    if str(json) == "-":
+        return
+    table(
+        ("combination", "difference", "transitions", "rewards"),
+        [[str(row["combination"]), *(number(float(row[key])) for key in ("total", "transition", "reward"))] for row in rows[:most]],
+    )
+    say(f"{system} differs from the base by {number(float(rows[0]['total']))}; nearest: {rows[0]['combination']}")

@@ -1,0 +1,64 @@
+"""What every verb of the command line shares: messages, tables, progress, JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from merap.base.folder import write_file
+
+Item = TypeVar("Item")
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(message: str) -> None:
+    """A line of result on standard output."""
+    out.print(message, markup=False)
+
+
+def complain(message: str) -> None:
+    """A line of error on standard error."""
+    err.print(f"error: {message}", markup=False)
+
+
+def warn(messages: Iterable[str]) -> None:
+    """Lines of warning on standard error."""
+    for message in messages:
+        err.print(f"warning: {message}", markup=False)
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """A table on standard output."""
+    grid = Table(*columns, box=None, pad_edge=False, header_style="bold")
+    for row in rows:
+        grid.add_row(*row)
+    out.print(grid)
+
+
+def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """Pass items on, with a bar on standard error where a person watches."""
+    yield from track(items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal)
+
+
+def write_json(path: Path | None, content: Any, *, force: bool) -> None:
+    """Write a report where `--json` asks for one; `-` is standard output."""
+    if path is None:
+        return
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    if str(path) == "-":
+        out.out(text, end="", highlight=False)
+    else:
+        write_file(path, text, force=force)
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """A figure for a table; a dash where there is none."""
+    return "-" if value is None else f"{value:.{digits}g}"

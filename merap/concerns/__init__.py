@@ -1,0 +1,1 @@
+"""The three concerns of a case study, and what they mean together."""

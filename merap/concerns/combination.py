@@ -1,0 +1,229 @@
+"""One configuration of each concern, resolved: what composition and rendering work on.
+
+Axes: P locations, L edge labels, Q modes. Everything is validated where it is made
+(`resolve.py`); nothing downstream checks again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+
+from merap.concerns.expressions import Expression
+from merap.concerns.space import Attribute, Space, passable
+from merap.mdp.model import Bools, Floats
+
+END = "end"
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """A configuration of the spatial environment.
+
+    Attributes:
+        name: of the configuration.
+        parameters: their values, as given.
+        blocked: bool [P], locations that are obstructed.
+        blocked_edges: bool [P, L], edges that are obstructed.
+        attributes: of the locations, as this configuration sets them.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    blocked: Bools
+    blocked_edges: Bools
+    attributes: tuple[Attribute, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One thing an external action can lead to.
+
+    Attributes:
+        move: index of the edge label it goes along; None stays.
+        probability: over the mode and attributes; with a prime, of the location the action's
+            first, intended outcome would lead to, so that complements add up to 1.
+    """
+
+    move: int | None
+    probability: Expression
+
+
+@dataclass(frozen=True)
+class ExternalAction:
+    """An action on the spatial environment (`EA` of the paper, section IV-A).
+
+    Attributes:
+        name: of the action.
+        outcomes: the first is the intended one.
+        on_blocked: a blocked move stays, or disables the action if it is the intended one.
+    """
+
+    name: str
+    outcomes: tuple[Outcome, ...]
+    on_blocked: Literal["stay", "disable"]
+
+
+@dataclass(frozen=True)
+class InnateAction:
+    """A row of delta: mode -> {successor mode: probability}; undefined elsewhere."""
+
+    name: str
+    transitions: Mapping[int, Mapping[int, Fraction]]
+
+
+@dataclass(frozen=True)
+class Innate:
+    """The innate automaton (Definition 2 of the paper); modes are indices.
+
+    Attributes:
+        name: of the automaton.
+        entry: the paper's q0, where `start_<name>` leads.
+        initial: the mode an episode begins in.
+        terminal: F, the modes in which external actions are possible.
+        restart: whether `start_<name>` exists.
+        actions: in declared order.
+    """
+
+    name: str
+    entry: int
+    initial: int
+    terminal: frozenset[int]
+    restart: bool
+    actions: tuple[InnateAction, ...]
+
+    @property
+    def start_action(self) -> str:
+        """The name of the action that enters the automaton."""
+        return f"start_{self.name}"
+
+
+@dataclass(frozen=True, eq=False)
+class Capability:
+    """A configuration of the system's capability.
+
+    Attributes:
+        name: of the configuration.
+        parameters: their values, as given.
+        no_entry: bool [P], locations this system can't enter.
+        external: the external actions it has.
+        innate: its automaton; None: one mode, terminal.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    no_entry: Bools
+    external: tuple[ExternalAction, ...]
+    innate: Innate | None
+
+    @property
+    def initial_mode(self) -> int:
+        """The mode an episode begins in."""
+        return self.innate.initial if self.innate else 0
+
+    def terminal(self, num_modes: int) -> Bools:
+        """bool [Q], the modes in which external actions are possible."""
+        mask = np.ones(num_modes, dtype=np.bool_)
+        if self.innate:
+            mask[[mode for mode in range(num_modes) if mode not in self.innate.terminal]] = False
+        return mask
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """A predicate over a step (s, a, s'); what is None holds everywhere.
+
+    Attributes:
+        at: bool [P], source location.
+        modes: bool [Q], source mode.
+        actions: names.
+        to: bool [P], successor location.
+        to_modes: bool [Q], successor mode.
+        where: boolean expression over attributes and mode, primed for the successor.
+    """
+
+    at: Bools | None = None
+    modes: Bools | None = None
+    actions: frozenset[str] | None = None
+    to: Bools | None = None
+    to_modes: Bools | None = None
+    where: Expression | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RewardRule:
+    """`value` (over attributes and mode) is earned where `condition` is the first to hold."""
+
+    condition: Condition
+    value: Expression
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """A configuration of the user's objective (Definition 3 of the paper).
+
+    Attributes:
+        name: of the configuration.
+        parameters: their values, as given.
+        start: float64 [P], distribution over start locations.
+        horizon: steps of an episode.
+        goal: bool [P], the locations labelled `goal`.
+        rules: first match wins, no match earns 0.
+        ends_after: a step that completes the task (source and action); None: no such step.
+        ends_in: states (location and mode) that are complete; None: none.
+        unsafe: states (location, mode, attributes) to avoid; None: none.
+        properties: name -> PRISM property.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    start: Floats
+    horizon: int
+    goal: Bools
+    rules: tuple[RewardRule, ...]
+    ends_after: Condition | None
+    ends_in: Condition | None
+    unsafe: Condition | None
+    properties: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """One configuration of each concern over a case's space, modes and actions.
+
+    Attributes:
+        name: `<environment>.<capability>.<objective>`, or the name of an online system.
+        space: the locations.
+        modes: Q names, the same for the whole case.
+        actions: declared names, the same for the whole case: external, innate, `start_*`.
+        environment: its environment.
+        capability: its capability.
+        objective: its objective.
+        discount: of a step, in (0, 1].
+        digest: hexadecimal SHA-256 of the sources.
+    """
+
+    name: str
+    space: Space
+    modes: tuple[str, ...]
+    actions: tuple[str, ...]
+    environment: Environment
+    capability: Capability
+    objective: Objective
+    discount: float
+    digest: str
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The declared actions and, last, `end`, which closes a complete state."""
+        return (*self.actions, END)
+
+    @property
+    def passable(self) -> Bools:
+        """bool [P, L], the moves that are not blocked."""
+        closed = self.environment.blocked | self.capability.no_entry
+        return passable(self.space, closed, self.environment.blocked_edges)

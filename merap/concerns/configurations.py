@@ -1,0 +1,235 @@
+"""From the `configurations` of the case file to named or generated ones."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from merap.concerns.frame import Frame
+from merap.concerns.generation import Choice, Product, draw, separators
+from merap.concerns.names import check_name, suggestion
+from merap.concerns.parameters import (
+    ParameterTypes,
+    Values,
+    find_edges,
+    find_locations,
+    parse_location_set,
+    parse_value,
+)
+from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec, ParameterType
+from merap.concerns.schema_base import shown
+from merap.concerns.supports import Configurations, Generated, Named
+from merap.concerns.yaml_file import KeyPath
+from merap.errors import InputError
+from merap.mdp.model import Bools, Ints
+
+MAX_COUNT = 2**62
+MAX_ENUMERATED = 200_000
+MAX_DRAWN_PER_KEPT = 1000
+BLOCK = 4096
+
+Filter: TypeAlias = Callable[[Sequence[Values]], Bools]
+
+
+def read_configurations(
+    frame: Frame,
+    concern: str,
+    types: ParameterTypes,
+    spec: GeneratedSpec | NamedSpec,
+    reachable: Filter | None = None,
+) -> Configurations:
+    """The configurations of a concern.
+
+    Args:
+        frame: what the case has in common.
+        concern: `environment`, `capability` or `objective`.
+        types: the concern's parameters.
+        spec: as validated.
+        reachable: for `require_reachable`: which of some values to keep; None: not allowed here.
+
+    Raises:
+        InputError: no configuration, or a value that is not allowed.
+    """
+    path = (concern, "configurations")
+    configurations: Configurations
+    if isinstance(spec, GeneratedSpec):
+        configurations = _generated(frame, path, types, spec, reachable)
+    else:
+        configurations = _named(frame, path, types, spec)
+    if configurations.count == 0:
+        raise frame.document.error(path, f"empty concern: {concern} has no configuration, at least one is needed")
+    return configurations
+
+
+def _named(frame: Frame, path: KeyPath, types: ParameterTypes, spec: NamedSpec) -> Named:
+    listed = []
+    for name, raw in spec.items():
+        with frame.document.at(*path, name):
+            check_name(name, "a configuration")
+        listed.append(read_values(frame, (*path, name), types, raw))
+    return Named(tuple(spec), tuple(listed))
+
+
+def read_values(frame: Frame, path: KeyPath, types: ParameterTypes, raw: Mapping[str, Any]) -> Values:
+    """Canonical values of all parameters from a mapping of the file.
+
+    Raises:
+        InputError: a parameter is unknown or has no value, or a value is wrong.
+    """
+    _check_parameters(frame, path, types, raw)
+    values = {}
+    for name, kind in types.items():
+        with frame.document.at(*path, name):
+            values[name] = parse_value(kind, raw[name], frame.space)
+    return values
+
+
+def _check_parameters(frame: Frame, path: KeyPath, types: ParameterTypes, given: Mapping[str, Any]) -> None:
+    for name in given:
+        if name not in types:
+            raise frame.document.error((*path, name), f"unknown parameter {name!r}{suggestion(name, types)}")
+    for name in types:
+        if name not in given:
+            raise frame.document.error(path, f"the parameter {name!r} has no value")
+
+
+def _generated(
+    frame: Frame, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec, reachable: Filter | None
+) -> Generated:
+    if spec.require_reachable and reachable is None:
+        raise frame.document.error(
+            (*path, "require_reachable"), "require_reachable belongs to the configurations of the environment"
+        )
+    product = _product(frame, (*path, "generate"), types, spec)
+    keep = reachable if spec.require_reachable else None
+    if spec.sample is not None:
+        return Generated(product, _sampled(frame, path, product, spec.sample, spec.seed, keep))
+    if keep is None:
+        return Generated(product)
+    if product.count > MAX_ENUMERATED:
+        raise frame.document.error(
+            (*path, "require_reachable"),
+            f"{product.count} configurations are too many to check, at most {MAX_ENUMERATED} are; add sample: n",
+        )
+    everything = product.all_values()
+    blocks = iter(lambda: list(itertools.islice(everything, BLOCK)), [])
+    mask = [keep(block) for block in blocks]
+    return Generated(product, np.flatnonzero(np.concatenate(mask)) if mask else np.zeros(0, dtype=np.int64))
+
+
+def _sampled(
+    frame: Frame, path: KeyPath, product: Product, count: int, seed: int, keep: Filter | None
+) -> Ints:
+    """Rising ranks of `count` distinct configurations that `keep` accepts."""
+    if count > product.count:
+        raise frame.document.error(
+            (*path, "sample"), f"sample: {count} is more than the {product.count} configurations there are"
+        )
+    found: list[int] = []
+    drawn = 0
+    for block in draw(product.count, count, np.random.default_rng(seed)):
+        for start in range(0, len(block), BLOCK):
+            ranks = block[start : start + BLOCK]
+            drawn += len(ranks)
+            accepted = ranks if keep is None else ranks[keep([product.values(int(r)) for r in ranks])]
+            found.extend(accepted.tolist())
+            if len(found) >= count:
+                return np.sort(np.array(found[:count], dtype=np.int64))
+        if drawn > MAX_DRAWN_PER_KEPT * count:
+            break
+    raise frame.document.error(
+        (*path, "sample"), f"only {len(found)} of {drawn} configurations drawn leave every goal reachable"
+    )
+
+
+def _product(frame: Frame, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec) -> Product:
+    _check_parameters(frame, path, types, spec.generate)
+    pools = {}
+    for name, kind in types.items():
+        choice = spec.generate[name]
+        _check_choice(frame, (*path, name), kind, choice)
+        members = _members(frame, (*path, name), kind, choice)
+        pools[name] = {member: _label(frame, kind, member) for member in members}
+    labels = [label for pool in pools.values() for label in pool.values()]
+    with frame.document.at(*path):
+        inner, outer = separators(labels)
+    product = Product(
+        tuple(
+            Choice(name, types[name], tuple(pool), tuple(pool.values()), _sizes(spec.generate[name]), inner)
+            for name, pool in pools.items()
+        ),
+        outer,
+    )
+    if product.count > MAX_COUNT:
+        raise frame.document.error(
+            path, f"{float(product.count):.3g} configurations, at most {MAX_COUNT} are allowed"
+        )
+    return product
+
+
+def _sizes(choice: ChoiceSpec) -> range | None:
+    if choice.choose is None:
+        return None
+    return range(choice.choose if choice.distinct else 1, choice.choose + 1)
+
+
+def _check_choice(frame: Frame, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> None:
+    is_set = kind in ("locations", "edges")
+    if is_set and choice.choose is None:
+        raise frame.document.error(path, f"key 'choose' is missing: how many {kind} to choose")
+    if not is_set and choice.choose is not None:
+        raise frame.document.error((*path, "choose"), f"choose is for locations and edges, not for a {kind}")
+    if choice.choose is None and not choice.distinct:
+        raise frame.document.error((*path, "distinct"), "distinct goes with choose")
+    if choice.without and kind not in ("location", "locations"):
+        raise frame.document.error((*path, "except"), f"except is for locations, not for {kind}")
+
+
+def _members(frame: Frame, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> tuple[Any, ...]:
+    with frame.document.at(*path, "from"):
+        members = _pool(frame, kind, choice.source)
+        for member in members:
+            if members.count(member) > 1:
+                raise InputError(f"{_label(frame, kind, member)} stands twice")
+    with frame.document.at(*path, "except"):
+        without = set(find_locations(choice.without, frame.space))
+    members = tuple(member for member in members if not without or member not in without)
+    if not members or (choice.choose or 0) > len(members):
+        raise frame.document.error(
+            path, f"empty concern: {choice.choose or 1} can't be chosen from {len(members)} members"
+        )
+    return members
+
+
+def _pool(frame: Frame, kind: ParameterType, source: Any) -> tuple[Any, ...]:
+    if kind in ("location", "locations"):
+        return find_locations(parse_location_set(source), frame.space)
+    if not isinstance(source, tuple):
+        raise InputError(f"expected a list of values, got {shown(source)}")
+    if kind == "edges":
+        return tuple(_one_edge(frame, entry) for entry in source)
+    return tuple(parse_value(kind, entry, frame.space) for entry in source)
+
+
+def _one_edge(frame: Frame, entry: Any) -> tuple[int, int]:
+    edges = find_edges(entry, frame.space)
+    if len(edges) > 1:
+        raise InputError(f"{shown(entry)} names {len(edges)} edges; add the label")
+    return edges[0]
+
+
+def _label(frame: Frame, kind: ParameterType, member: Any) -> str:
+    """The part of a configuration's name that stands for a member."""
+    space = frame.space
+    if kind in ("location", "locations"):
+        return space.locations[member]
+    if kind == "edges":
+        source, label = member
+        return f"{space.locations[source]}_{space.moves[label]}"
+    if kind == "bool":
+        return "true" if member else "false"
+    number = str(int(member)) if kind == "int" else repr(float(member))
+    return number.replace("-", "m").replace("+", "").replace(".", "p")

@@ -1,0 +1,123 @@
+"""What all configurations of a case have in common while they are resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.concerns.expressions import Constant, Expression, Kind, check, exact, parse
+from merap.concerns.names import suggestion
+from merap.concerns.parameters import EXPRESSION_KINDS, ParameterTypes, Values, find_location, find_locations
+from merap.concerns.schema_base import Box, LocationSet
+from merap.concerns.space import Space
+from merap.concerns.yaml_file import Document, KeyPath
+from merap.errors import InputError
+from merap.mdp.model import Bools
+
+MODE = "mode"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The case's document, space, modes and actions.
+
+    Attributes:
+        document: where errors are placed.
+        space: the locations.
+        modes: Q names.
+        actions: names of external, innate and `start_*` actions.
+    """
+
+    document: Document
+    space: Space
+    modes: tuple[str, ...]
+    actions: tuple[str, ...]
+
+    def variable_kinds(self, *, primed: tuple[str, ...] = ()) -> dict[str, Kind]:
+        """Types of the attributes, the mode and the names of modes.
+
+        Args:
+            primed: which of `attributes` and `mode` may be read of the successor too.
+        """
+        kinds: dict[str, Kind] = dict.fromkeys((MODE, *self.modes), "number")
+        for attribute in self.space.attributes:
+            kinds[attribute.name] = "bool" if attribute.kind == "bool" else "number"
+            if "attributes" in primed:
+                kinds[f"{attribute.name}'"] = kinds[attribute.name]
+        if MODE in primed:
+            kinds[f"{MODE}'"] = "number"
+        return kinds
+
+    def compile(
+        self, path: KeyPath, given: str | float | bool, kinds: Mapping[str, Kind], expected: Kind
+    ) -> Expression:
+        """Parse and check an expression of the file; numbers stay exact.
+
+        Raises:
+            InputError: with its place.
+        """
+        with self.document.at(*path):
+            if isinstance(given, bool):
+                return Constant(given)
+            if not isinstance(given, str):
+                return Constant(exact(given))
+            expression = parse(given)
+            check(expression, kinds, expected)
+            return expression
+
+    def mode_constants(self) -> dict[str, Expression]:
+        """Name of a mode -> its number."""
+        return {name: Constant(exact(index)) for index, name in enumerate(self.modes)}
+
+    def mode_mask(self, path: KeyPath, names: tuple[str, ...] | None) -> Bools | None:
+        """bool [Q], the modes called so; None for None.
+
+        Raises:
+            InputError: the case has no such mode.
+        """
+        if names is None:
+            return None
+        mask = np.zeros(len(self.modes), dtype=np.bool_)
+        for name in names:
+            if name not in self.modes:
+                raise self.document.error(path, f"unknown mode {name!r}{suggestion(name, self.modes)}")
+            mask[self.modes.index(name)] = True
+        return frozen(mask)
+
+    def mask(self, indices: tuple[int, ...]) -> Bools:
+        """bool [P], true at `indices`."""
+        mask = np.zeros(self.space.num_locations, dtype=np.bool_)
+        mask[list(indices)] = True
+        return frozen(mask)
+
+    def select(self, refs: LocationSet, types: ParameterTypes, values: Values) -> tuple[int, ...]:
+        """Indices of locations that are named, or held by a parameter that is named.
+
+        Raises:
+            InputError: without place: a location is not there.
+        """
+        if isinstance(refs, Box):
+            return find_locations(refs, self.space)
+        indices: list[int] = []
+        for ref in refs:
+            held = values[ref] if isinstance(ref, str) and ref in types else None
+            if held is None:
+                indices.append(find_location(ref, self.space))
+            elif isinstance(ref, str) and types[ref] in ("location", "locations"):
+                indices.extend(held if isinstance(held, tuple) else (int(held),))  # type: ignore[arg-type]
+            else:
+                raise InputError(f"the parameter {ref!r} holds no locations")
+        return tuple(indices)
+
+
+def frozen(array: Bools) -> Bools:
+    """The array, read-only."""
+    array.flags.writeable = False
+    return array
+
+
+def expression_kinds(types: ParameterTypes) -> dict[str, Kind]:
+    """Types of the parameters that expressions can read."""
+    return {name: EXPRESSION_KINDS[kind] for name, kind in types.items() if kind in EXPRESSION_KINDS}

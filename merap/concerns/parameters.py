@@ -1,0 +1,188 @@
+"""Values of parameters: from the file's form to one canonical form and back.
+
+Canonical forms, by type: `location` an index; `locations` a tuple of rising indices; `edges`
+a tuple of rising (location, label) indices; `probability`, `int`, `real` a `Fraction`;
+`bool` a `bool`. Equal values have equal canonical forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any, TypeAlias
+
+from pydantic_core import PydanticCustomError
+
+from merap.concerns.expressions import Kind, exact
+from merap.concerns.names import suggestion
+from merap.concerns.schema import ParameterType
+from merap.concerns.schema_base import Box, LocationRef, LocationSet, is_number, is_whole, location_set, shown
+from merap.concerns.space import Space
+from merap.errors import InputError
+
+Edge: TypeAlias = tuple[int, int]
+ParameterValue: TypeAlias = bool | Fraction | int | tuple[int, ...] | tuple[Edge, ...]
+ParameterTypes: TypeAlias = Mapping[str, ParameterType]
+Values: TypeAlias = Mapping[str, ParameterValue]
+
+EXPRESSION_KINDS: Mapping[ParameterType, Kind] = {
+    "probability": "number",
+    "int": "number",
+    "real": "number",
+    "bool": "bool",
+}
+
+
+def parse_value(kind: ParameterType, raw: Any, space: Space) -> ParameterValue:
+    """The canonical form of a value of a parameter of type `kind`.
+
+    Raises:
+        InputError: it has another type, or names a location or edge that is not there.
+    """
+    if kind in ("location", "locations"):
+        indices = find_locations(parse_location_set(raw), space)
+        if kind == "locations":
+            return tuple(sorted(set(indices)))
+        if len(indices) != 1:
+            raise InputError(f"expected one location, got {shown(raw)}")
+        return indices[0]
+    if kind == "edges":
+        return _parse_edges(raw, space)
+    if kind == "bool":
+        if not isinstance(raw, bool):
+            raise InputError(f"expected true or false, got {shown(raw)}")
+        return raw
+    return _parse_number(kind, raw)
+
+
+def parse_location_set(raw: Any) -> LocationSet:
+    """As the schema does, with its message as an `InputError`."""
+    try:
+        return location_set(raw)
+    except PydanticCustomError as error:
+        raise InputError(error.message()) from error
+
+
+def find_locations(refs: LocationSet, space: Space) -> tuple[int, ...]:
+    """Indices of the locations, in the order given.
+
+    Raises:
+        InputError: a location is not there.
+    """
+    if isinstance(refs, Box):
+        return _cells(refs, space)
+    return tuple(find_location(ref, space) for ref in refs)
+
+
+def find_location(ref: LocationRef, space: Space) -> int:
+    """The index of a location.
+
+    Raises:
+        InputError: it is not there.
+    """
+    if isinstance(ref, str):
+        if ref not in space.location_index:
+            raise InputError(f"unknown location {ref!r}{suggestion(ref, space.locations)}")
+        return space.location_index[ref]
+    if space.shape is None:
+        raise InputError(f"unknown location {list(ref)}: [row, col] belongs to a grid, give a name")
+    rows, cols = space.shape
+    if not (0 <= ref[0] < rows and 0 <= ref[1] < cols):
+        raise InputError(f"unknown location {list(ref)}: rows are 0 to {rows - 1}, columns 0 to {cols - 1}")
+    return ref[0] * cols + ref[1]
+
+
+def _cells(box: Box, space: Space) -> tuple[int, ...]:
+    if space.shape is None:
+        raise InputError("a box of rows and cols belongs to a grid; list the names of the locations")
+    for corner in ((box.rows[0], box.cols[0]), (box.rows[1], box.cols[1])):
+        find_location(corner, space)
+    cols = space.shape[1]
+    return tuple(
+        row * cols + col
+        for row in range(box.rows[0], box.rows[1] + 1)
+        for col in range(box.cols[0], box.cols[1] + 1)
+    )
+
+
+def _parse_edges(raw: Any, space: Space) -> tuple[Edge, ...]:
+    if not isinstance(raw, tuple):
+        raise InputError(f"expected a list of edges [from, to] or [from, to, label], got {shown(raw)}")
+    return tuple(sorted({edge for entry in raw for edge in find_edges(entry, space)}))
+
+
+def find_edges(entry: Any, space: Space) -> tuple[Edge, ...]:
+    """The (location, label) indices of `[from, to]` (all labels) or `[from, to, label]`.
+
+    Raises:
+        InputError: it has another form, or there is no such edge.
+    """
+    if not isinstance(entry, tuple) or len(entry) not in (2, 3):
+        raise InputError(f"expected an edge [from, to] or [from, to, label], got {shown(entry)}")
+    source, target = (_edge_end(end, space) for end in entry[:2])
+    labels = [index for index in range(len(space.moves)) if space.target[source, index] == target]
+    if len(entry) == 3:
+        labels = [index for index in labels if space.moves[index] == entry[2]]
+    if not labels:
+        raise InputError(f"there is no edge {shown(entry)}")
+    return tuple((source, index) for index in labels)
+
+
+def _edge_end(raw: Any, space: Space) -> int:
+    refs = parse_location_set(raw)
+    if isinstance(refs, Box) or len(refs) != 1:
+        raise InputError(f"expected a location as end of an edge, got {shown(raw)}")
+    return find_location(refs[0], space)
+
+
+def _parse_number(kind: ParameterType, raw: Any) -> Fraction:
+    if kind == "int":
+        if not is_whole(raw):
+            raise InputError(f"expected a whole number, got {shown(raw)}")
+        return Fraction(raw)
+    if not is_number(raw):
+        raise InputError(f"expected a number, got {shown(raw)}")
+    if kind == "probability" and not 0 <= raw <= 1:
+        raise InputError(f"expected a probability in [0, 1], got {shown(raw)}")
+    return exact(raw)
+
+
+def present(kind: ParameterType, value: Any, space: Space) -> Any:
+    """The form a file would give `value` in: names, `[row, col]`, numbers."""
+    if kind == "location":
+        return _present_location(value, space)
+    if kind == "locations":
+        return [_present_location(index, space) for index in value]
+    if kind == "edges":
+        return [
+            [
+                _present_location(source, space),
+                _present_location(int(space.target[source, label]), space),
+                space.moves[label],
+            ]
+            for source, label in value
+        ]
+    if isinstance(value, Fraction):
+        return int(value) if kind == "int" else float(value)
+    return value
+
+
+def _present_location(index: int, space: Space) -> str | list[int]:
+    if space.shape is None:
+        return space.locations[index]
+    return list(divmod(index, space.shape[1]))
+
+
+def present_all(types: ParameterTypes, values: Values, space: Space) -> dict[str, Any]:
+    """Name -> value as a file would give it, in declared order."""
+    return {name: present(kind, values[name], space) for name, kind in types.items()}
+
+
+def constants(types: ParameterTypes, values: Values) -> dict[str, Fraction | bool]:
+    """The parameters that expressions can read, as `expressions.fold` wants them."""
+    readable: dict[str, Fraction | bool] = {}
+    for name, kind in types.items():
+        value = values[name]
+        if kind in EXPRESSION_KINDS and isinstance(value, bool | Fraction):
+            readable[name] = value
+    return readable

@@ -1,0 +1,93 @@
+"""Schema of the space: a grid or a location graph, with attributes and detectors."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from merap.concerns.schema_base import Name, Settings, Spec, wrong
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+MAX_SIDE = 1000
+
+
+class GridSpec(Spec):
+    """A rectangle of cells; locations are [row, col] from 0, rows grow downwards."""
+
+    rows: int = Field(ge=1, le=MAX_SIDE, description="number of rows")
+    cols: int = Field(ge=1, le=MAX_SIDE, description="number of columns")
+    moves: dict[Name, tuple[int, int]] = Field(
+        min_length=1, description="edge label: [rows down, columns right], as up: [-1, 0]"
+    )
+
+
+class AttributeSpec(Spec):
+    """A value at every location that expressions can read."""
+
+    type: Literal["bool", "int", "real"] | None = Field(
+        default=None, description="left out: int if both ends of the range are whole, else real"
+    )
+    range: tuple[float, float] | None = Field(
+        default=None, description="[least, greatest] value allowed; not for bool"
+    )
+    default: bool | float | None = Field(default=None, description="value where none is given; bool: false")
+    values: Settings = Field(
+        default=(), description="mapping of location to value, or list of entries with at and value"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _integral_range(cls, data: Any) -> Any:
+        bounds = data.get("range") if isinstance(data, dict) else None
+        if isinstance(bounds, tuple) and "type" not in data:
+            whole = all(isinstance(bound, int) and not isinstance(bound, bool) for bound in bounds)
+            return {**data, "type": "int" if whole else "real"}
+        return data
+
+    @model_validator(mode="after")
+    def _consistent(self) -> AttributeSpec:
+        if self.type == "bool":
+            if self.range is not None:
+                raise wrong("an attribute of type bool has no range", ("range",))
+        elif self.range is None:
+            raise wrong("key 'range' is missing: [least, greatest], or type: bool")
+        elif self.range[0] > self.range[1]:
+            raise wrong(f"expected [least, greatest], got {list(self.range)}", ("range",))
+        return self
+
+
+class DetectorSpec(Spec):
+    """What the system sees online of its own and nearby locations."""
+
+    of: str = Field(description="`blocked`, or the name of an attribute")
+    range: int = Field(default=1, ge=0, le=10_000, description="edges it looks ahead; 0: own location alone")
+    accuracy: float = Field(default=1.0, ge=0, le=1, description="probability that one reading is right")
+
+
+class SpaceSpec(Spec):
+    """Where the system moves. Give `grid`, or `locations` and `edges`, or `file`."""
+
+    grid: GridSpec | None = Field(default=None, description="a rectangle of cells")
+    locations: dict[Name, tuple[Coordinate, Coordinate]] | None = Field(
+        default=None, min_length=1, description="name: [x, y] in metres, for drawing"
+    )
+    edges: tuple[tuple[str, str, Name], ...] | None = Field(
+        default=None, description="[from, to, label]; directed, one label at most once per location"
+    )
+    file: str | None = Field(
+        default=None, description="a YAML file with the content of `space`, relative to this one"
+    )
+    attributes: dict[Name, AttributeSpec] = Field(
+        default={}, description="what expressions can read of a location"
+    )
+    detectors: dict[Name, DetectorSpec] = Field(default={}, description="what is seen online")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> SpaceSpec:
+        kinds = [key for key in ("grid", "locations", "file") if getattr(self, key) is not None]
+        if len(kinds) != 1:
+            raise wrong(f"give exactly one of grid, locations and file, not {' and '.join(kinds) or 'none'}")
+        if (self.edges is not None) != (self.locations is not None):
+            raise wrong("locations and edges belong together: one of them is missing or there is a grid")
+        return self

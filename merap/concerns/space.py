@@ -1,0 +1,106 @@
+"""The spatial environment without its configurations: locations, edges, attributes, detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from merap.mdp.model import Bools, Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Attribute:
+    """A value at every location (`Atr` of the paper's Definition 1).
+
+    Attributes:
+        name: how expressions call it.
+        kind: `bool`, `int` or `real`.
+        low: least value allowed.
+        high: greatest value allowed.
+        values: float64 [P]; 0 and 1 for a `bool`.
+    """
+
+    name: str
+    kind: Literal["bool", "int", "real"]
+    low: float
+    high: float
+    values: Floats
+
+
+@dataclass(frozen=True)
+class Detector:
+    """What is seen online (`Det` of Definition 1).
+
+    Attributes:
+        name: the sensor's name.
+        of: `blocked`, or an attribute.
+        range: number of edges it looks ahead; 0 sees the own location alone.
+        accuracy: probability that one reading is right, in [0, 1].
+    """
+
+    name: str
+    of: str
+    range: int
+    accuracy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """A location graph (P locations, L edge labels).
+
+    Attributes:
+        locations: P names; on a grid `r<row>c<col>`, row by row.
+        positions: float64 [P, 2], metres (x, y), for drawing.
+        moves: L edge labels, in order of their first appearance.
+        target: int64 [P, L], where the edge with that label leads; -1 where there is none.
+        shape: (rows, columns) of a grid, None for a graph.
+        attributes: in declared order, with their default values.
+        detectors: in declared order.
+    """
+
+    locations: tuple[str, ...]
+    positions: Floats
+    moves: tuple[str, ...]
+    target: Ints
+    shape: tuple[int, int] | None
+    attributes: tuple[Attribute, ...]
+    detectors: tuple[Detector, ...]
+
+    @property
+    def num_locations(self) -> int:
+        """P."""
+        return len(self.locations)
+
+    @cached_property
+    def location_index(self) -> Mapping[str, int]:
+        """Name -> index."""
+        return {name: index for index, name in enumerate(self.locations)}
+
+    @property
+    def variable_names(self) -> tuple[str, ...]:
+        """The state variables that hold a location: `row, col` on a grid, else `loc`."""
+        return ("loc",) if self.shape is None else ("row", "col")
+
+    @property
+    def valuations(self) -> Ints:
+        """int64 [P, 1 or 2], the values of `variable_names` at every location."""
+        indices = np.arange(self.num_locations)
+        if self.shape is None:
+            return indices[:, None]
+        return np.stack(np.divmod(indices, self.shape[1]), axis=1)
+
+
+def passable(space: Space, closed: Bools, closed_edges: Bools) -> Bools:
+    """bool [P, L]: the move exists, its edge is open and its target may be entered.
+
+    Args:
+        space: the locations and edges.
+        closed: bool [P], locations nobody can go to.
+        closed_edges: bool [P, L], edges nobody can use.
+    """
+    exists = space.target >= 0
+    return exists & ~closed_edges & ~closed[np.where(exists, space.target, 0)]

@@ -1,0 +1,288 @@
+"""Composition by definition: the MDP of a combination as arrays, without any text.
+
+The rules are numbered as in the design: 1 external actions, 2 where they are enabled,
+3 innate actions, 4 rewards and ends. This is the second route beside PRISM text and Storm.
+Axes: P locations, Q modes, A actions, B branches. State (p, q) has index p * Q + q; state
+(p, q, done) has index 2 * (p * Q + q) + done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.concerns.combination import END, Combination, Condition, ExternalAction, Outcome
+from merap.concerns.expressions import evaluate
+from merap.concerns.space import Space
+from merap.errors import InputError
+from merap.mdp.assembly import Branches, assemble, reachable_states
+from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+
+Scope = Mapping[str, npt.NDArray[Any]]
+
+
+def synthesise(combination: Combination) -> TabularMDP:
+    """The whole MDP of a combination, over its reachable states (p, q, done).
+
+    Raises:
+        InputError: a reachable state that is not complete has no action; names it.
+    """
+    return attach(synthesise_pair(combination), combination)
+
+
+def synthesise_pair(combination: Combination) -> TabularMDP:
+    """Environment and capability without objective: rules 1 to 3 on all of P x Q, no reward.
+
+    Every state has the action `end` beside its own, so that none is without an action.
+    """
+    num_modes = len(combination.modes)
+    num_states = combination.space.num_locations * num_modes
+    everywhere = np.arange(num_states)
+    idle = _branches(everywhere, combination.action_names.index(END), everywhere, np.ones(num_states))
+    parts = [idle, *_external(combination), *_innate(combination)]
+    return assemble(
+        Branches(*(np.concatenate(columns) for columns in zip(*parts, strict=True))),
+        initial=_initial(combination),
+        labels={},
+        valuations=pair_valuations(combination),
+        variable_names=(*combination.space.variable_names, "mode"),
+        action_names=combination.action_names,
+    )
+
+
+def pair_valuations(combination: Combination) -> Ints:
+    """int64 [P * Q, V]: the values of the location variables and the mode, in canonical order."""
+    num_modes = len(combination.modes)
+    locations = np.repeat(combination.space.valuations, num_modes, axis=0)
+    modes = np.tile(np.arange(num_modes), combination.space.num_locations)
+    return np.column_stack([locations, modes])
+
+
+def _initial(combination: Combination) -> Floats:
+    initial = np.zeros((combination.space.num_locations, len(combination.modes)))
+    initial[:, combination.capability.initial_mode] = combination.objective.start
+    return initial.ravel()
+
+
+Columns = tuple[Ints, Ints, Ints, Floats, Floats]
+
+
+def _branches(state: Ints, action: int, target: Ints, prob: Floats) -> Columns:
+    return state, np.full(len(state), action), target, prob, np.zeros(len(state))
+
+
+def _external(combination: Combination) -> Iterator[Columns]:
+    num_modes = len(combination.modes)
+    terminal = np.flatnonzero(combination.capability.terminal(num_modes))
+    passable = combination.passable
+    for action in combination.capability.external:
+        here, mode = _grid(_where_enabled(action, passable), terminal)
+        intended = _successor(combination.space, passable, here, action.outcomes[0])
+        scope = _scope(combination, here, mode, intended, mode)
+        for outcome in action.outcomes:
+            there = _successor(combination.space, passable, here, outcome)
+            prob = np.broadcast_to(evaluate(outcome.probability, scope), here.shape).astype(np.float64)
+            index = combination.action_names.index(action.name)
+            yield _branches(here * num_modes + mode, index, there * num_modes + mode, prob)
+
+
+def _successor(space: Space, passable: Bools, here: Ints, outcome: Outcome) -> Ints:
+    """Where an outcome leads: rule 1, a blocked move stays."""
+    if outcome.move is None:
+        return here
+    return np.where(passable[here, outcome.move], space.target[here, outcome.move], here)
+
+
+def _where_enabled(action: ExternalAction, passable: Bools) -> Ints:
+    intended = action.outcomes[0].move
+    if action.on_blocked == "disable" and intended is not None:
+        return np.flatnonzero(passable[:, intended])
+    return np.arange(len(passable))
+
+
+def _innate(combination: Combination) -> Iterator[Columns]:
+    innate = combination.capability.innate
+    if innate is None:
+        return
+    num_modes = len(combination.modes)
+    locations = np.arange(combination.space.num_locations) * num_modes
+    for action in innate.actions:
+        index = combination.action_names.index(action.name)
+        for mode, row in action.transitions.items():
+            for successor, probability in row.items():
+                prob = np.full(len(locations), float(probability))
+                yield _branches(locations + mode, index, locations + successor, prob)
+    if innate.restart:
+        index = combination.action_names.index(innate.start_action)
+        for mode in sorted(innate.terminal):
+            yield _branches(locations + mode, index, locations + innate.entry, np.ones(len(locations)))
+
+
+def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
+    """Put the objective on a pair's arrays (rule 4), restricted to what is reachable.
+
+    Args:
+        pair: the MDP of environment and capability on all of P x Q in canonical order, from
+            `synthesise_pair` or from Storm; every state reachable under this objective has
+            its rows. Its rewards and its action `end` are not used.
+        combination: whose objective is attached.
+
+    Returns:
+        States (p, q, done) with labels `done`, `goal` and, if declared, `unsafe`.
+
+    Raises:
+        InputError: a reachable state that is not complete has no action; names it.
+    """
+    complete = _complete_in(combination)
+    branches = _with_objective(pair, combination, complete)
+    initial = np.zeros(2 * pair.num_states)
+    initial[0::2] = _initial(combination)
+    labels = _labels(combination, complete)
+    kept = reachable_states(branches.state, branches.target, initial)
+    _require_an_action(combination, kept, branches)
+    return assemble(
+        _renumbered(branches, kept),
+        initial=initial[kept],
+        labels={name: mask[kept] for name, mask in labels.items()},
+        valuations=_whole_valuations(combination)[kept],
+        variable_names=(*combination.space.variable_names, "mode", "done"),
+        action_names=combination.action_names,
+    )
+
+
+def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools) -> Branches:
+    end = combination.action_names.index(END)
+    state = pair.choice_state[pair.branch_choice]
+    action = pair.choice_action[pair.branch_choice]
+    keep = (action != end) & ~complete[state]
+    state, action, target, prob = state[keep], action[keep], pair.branch_target[keep], pair.branch_prob[keep]
+    step = _Step(combination, state, action, target)
+    ended = np.zeros(len(state), dtype=np.int64)
+    if combination.objective.ends_after is not None:
+        ended = step.holds(combination.objective.ends_after).astype(np.int64)
+    closed = np.concatenate([2 * np.flatnonzero(complete), 2 * np.arange(pair.num_states) + 1])
+    return Branches(
+        state=np.concatenate([2 * state, closed]),
+        action=np.concatenate([action, np.full(len(closed), end)]),
+        target=np.concatenate([2 * target + ended, closed]),
+        prob=np.concatenate([prob, np.ones(len(closed))]),
+        reward=np.concatenate([step.rewards(), np.zeros(len(closed))]),
+    )
+
+
+def _renumbered(branches: Branches, kept: Bools) -> Branches:
+    new_index = np.cumsum(kept) - 1
+    inside = kept[branches.state]
+    return Branches(
+        new_index[branches.state[inside]],
+        branches.action[inside],
+        new_index[branches.target[inside]],
+        branches.prob[inside],
+        branches.reward[inside],
+    )
+
+
+def _require_an_action(combination: Combination, kept: Bools, branches: Branches) -> None:
+    has_action = np.zeros(len(kept), dtype=np.bool_)
+    has_action[branches.state] = True
+    stuck = np.flatnonzero(kept & ~has_action)
+    if len(stuck):
+        location, mode = divmod(int(stuck[0]) // 2, len(combination.modes))
+        raise InputError(
+            f"{combination.name}: the state at location {combination.space.locations[location]}, mode "
+            f"{combination.modes[mode]} can be reached, is not complete and has no action; "
+            "add an action that stays, or end the task there"
+        )
+
+
+def _whole_valuations(combination: Combination) -> Ints:
+    pairs = np.repeat(pair_valuations(combination), 2, axis=0)
+    return np.column_stack([pairs, np.tile([0, 1], len(pairs) // 2)])
+
+
+def _labels(combination: Combination, complete: Bools) -> dict[str, Bools]:
+    flag = np.tile([False, True], len(complete))
+    labels = {
+        "done": flag | np.repeat(complete, 2),
+        "goal": np.repeat(combination.objective.goal, 2 * len(combination.modes)),
+    }
+    if combination.objective.unsafe is not None:
+        labels["unsafe"] = np.repeat(_holds_in_states(combination, combination.objective.unsafe), 2)
+    return labels
+
+
+def _complete_in(combination: Combination) -> Bools:
+    if combination.objective.ends_in is None:
+        return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
+    return _holds_in_states(combination, combination.objective.ends_in)
+
+
+def _holds_in_states(combination: Combination, condition: Condition) -> Bools:
+    states = np.arange(combination.space.num_locations * len(combination.modes))
+    return _Step(combination, states, np.zeros_like(states), states).holds(condition)
+
+
+def scope_of_pairs(combination: Combination) -> Scope:
+    """Every state (p, q) as a column of length P * Q, staying where it is: variables of expressions."""
+    states = np.arange(combination.space.num_locations * len(combination.modes))
+    here, mode = np.divmod(states, len(combination.modes))
+    return _scope(combination, here, mode, here, mode)
+
+
+class _Step:
+    """Steps (s, a, s') as columns of length B, on which conditions and rules are evaluated."""
+
+    def __init__(self, combination: Combination, state: Ints, action: Ints, target: Ints) -> None:
+        num_modes = len(combination.modes)
+        self.combination = combination
+        self.action = action
+        self.here, self.mode = np.divmod(state, num_modes)
+        self.there, self.mode_there = np.divmod(target, num_modes)
+        self.scope = _scope(combination, self.here, self.mode, self.there, self.mode_there)
+
+    def holds(self, condition: Condition) -> Bools:
+        """bool [B]."""
+        mask = np.ones(len(self.here), dtype=np.bool_)
+        for allowed, index in (
+            (condition.at, self.here),
+            (condition.modes, self.mode),
+            (condition.to, self.there),
+            (condition.to_modes, self.mode_there),
+        ):
+            if allowed is not None:
+                mask &= allowed[index]
+        if condition.actions is not None:
+            mask &= np.array([name in condition.actions for name in self.combination.action_names])[
+                self.action
+            ]
+        if condition.where is not None:
+            mask &= evaluate(condition.where, self.scope).astype(np.bool_)
+        return mask
+
+    def rewards(self) -> Floats:
+        """float64 [B]: the value of the first rule that holds, 0 if none does."""
+        rewards = np.zeros(len(self.here))
+        undecided = np.ones(len(self.here), dtype=np.bool_)
+        for rule in self.combination.objective.rules:
+            matching = undecided & self.holds(rule.condition)
+            value = np.broadcast_to(evaluate(rule.value, self.scope), matching.shape)
+            rewards[matching] = value[matching]
+            undecided &= ~matching
+        return rewards
+
+
+def _scope(combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints) -> Scope:
+    scope: dict[str, npt.NDArray[Any]] = {"mode": mode, "mode'": mode_there}
+    for attribute in combination.environment.attributes:
+        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
+        scope[attribute.name] = values[here]
+        scope[f"{attribute.name}'"] = values[there]
+    return scope
+
+
+def _grid(locations: Ints, modes: Ints) -> tuple[Ints, Ints]:
+    """Every location with every mode, as two columns."""
+    return np.repeat(locations, len(modes)), np.tile(modes, len(locations))

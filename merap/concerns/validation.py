@@ -1,0 +1,75 @@
+"""Check a document against the schema; pydantic's errors become one clear line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_base import shown
+from merap.concerns.yaml_file import Document, KeyPath, existing_path
+from merap.errors import InputError
+
+# pydantic's kind of error: what is allowed, with the values of its context.
+_EXPECTED: Mapping[str, str] = {
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "dict_type": "a mapping",
+    "too_short": "at least {min_length} entries",
+    "too_long": "at most {max_length} entries",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "less_than_equal": "a number of at most {le}",
+    "literal_error": "{expected}",
+}
+
+
+def validate(document: Document) -> CaseSpec:
+    """The schema's view of `document`.
+
+    Raises:
+        InputError: names the first offence in the file, and how many more there are.
+    """
+    try:
+        return CaseSpec.model_validate(document.data)
+    except ValidationError as error:
+        raise _first(document, error) from error
+
+
+def _first(document: Document, error: ValidationError) -> InputError:
+    found = [(_path(document.data, details), details) for details in error.errors(include_url=False)]
+    path, details = min(found, key=lambda item: document.line_of(item[0]))
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return document.error(path, _message(details) + more)
+
+
+def _path(data: Any, details: ErrorDetails) -> KeyPath:
+    """The error's place without the tags of unions, which stand in angle brackets."""
+    parts = tuple(part for part in details["loc"] if not str(part).startswith("<"))
+    inner: KeyPath = details.get("ctx", {}).get("path", ())
+    return existing_path(data, (*parts, *inner))
+
+
+def _message(details: ErrorDetails) -> str:
+    kind = details["type"]
+    if kind == "missing":
+        return f"key {str(details['loc'][-1])!r} is missing"
+    if kind == "merap":
+        return _with_value(details)
+    if kind in _EXPECTED:
+        expected = _EXPECTED[kind].format(**details.get("ctx", {}))
+        return f"expected {expected}, got {shown(details['input'])}"
+    return f"{details['msg']}, got {shown(details['input'])}"
+
+
+def _with_value(details: ErrorDetails) -> str:
+    """Own messages name the value already, except those of a `Discriminator`, which can't."""
+    if "path" in details.get("ctx", {}):
+        return details["msg"]
+    return f"{details['msg']}, got {shown(details['input'])}"

@@ -1,0 +1,282 @@
+"""Read a YAML 1.2 file strictly, keeping the line of every key.
+
+Only what JSON has too is let through: mappings with text keys, sequences, text, numbers,
+truth values and null. Mappings become dicts, sequences tuples. What can go wrong becomes an
+`InputError` with file, line and key.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
+
+from merap.errors import InputError
+
+KeyPath: TypeAlias = tuple[str | int, ...]
+
+MAX_BYTES = 4 * 2**20
+MAX_NODES = 1_000_000
+MAX_NUMBER = 1e15
+_TAG = "tag:yaml.org,2002:"
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A YAML file: its content and where each part of it stands.
+
+    Attributes:
+        source: the file's name, as messages show it.
+        content: its bytes.
+        root: the composed node graph; `None` for a document without one.
+        data: the root mapping.
+        mounts: documents whose content stands in for a key of this one.
+    """
+
+    source: str
+    content: bytes
+    root: Node | None
+    data: Mapping[str, Any]
+    mounts: Mapping[str, Document] = field(default_factory=dict)
+
+    def with_mount(self, key: str, document: Document) -> Document:
+        """The same with `document`'s content in place of the value of `key`."""
+        data = {**self.data, key: document.data}
+        return Document(self.source, self.content, self.root, data, {**self.mounts, key: document})
+
+    def error(self, path: KeyPath, message: str) -> InputError:
+        """An error about the value at `path`, or about what is nearest to it."""
+        if path and path[0] in self.mounts:
+            mounted = self.mounts[str(path[0])]
+            inner = mounted.error(path[1:], message)
+            shown = existing_path(mounted.data, path[1:])
+            return InputError(message, source=mounted.source, line=inner.line, key=key_text((path[0], *shown)))
+        shown = existing_path(self.data, path)
+        return InputError(message, source=self.source, line=self._line(shown), key=key_text(shown) or None)
+
+    @contextmanager
+    def at(self, *path: str | int) -> Iterator[None]:
+        """Give errors raised inside that have no place yet the place `path`."""
+        try:
+            yield
+        except InputError as error:
+            if error.source is not None:
+                raise
+            raise self.error(path, error.message) from error
+
+    def line_of(self, path: KeyPath) -> tuple[int, int]:
+        """(which file, line) of `path`, to sort by position."""
+        if path and path[0] in self.mounts:
+            return 1, self.mounts[str(path[0])]._line(path[1:])
+        return 0, self._line(path)
+
+    def _line(self, path: KeyPath) -> int:
+        """The line of the last part of `path` that exists, counted from 1."""
+        node, mark = self.root, None
+        for part in path:
+            node, mark = _child(node, part, mark)
+            if node is None:
+                break
+        if mark is None:
+            return 1
+        return int(mark.line) + 1
+
+
+def key_text(path: KeyPath) -> str:
+    """`("space", "edges", 3)` as `space.edges[3]`."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    return text.removeprefix(".")
+
+
+def existing_path(data: Any, path: KeyPath) -> KeyPath:
+    """The longest beginning of `path` that leads somewhere in `data`."""
+    for length, part in enumerate(path):
+        if isinstance(data, Mapping) and part in data:
+            data = data[part]
+        elif isinstance(data, tuple) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        else:
+            return path[:length]
+    return path
+
+
+def read_document(path: Path) -> Document:
+    """Read and parse `path`.
+
+    Raises:
+        InputError: the file is missing, no regular file, above `MAX_BYTES`, not UTF-8, not
+            YAML, not a mapping, has a key twice, or aliases that expand without end.
+    """
+    source = str(path)
+    content = _read(path)
+    root = _compose(_decode(content, source), source)
+    if root is not None:
+        _check_expansion(root, source)
+    if not isinstance(root, MappingNode):
+        raise InputError("expected a mapping of keys to values at the top level", source=source, line=1)
+    return Document(source, content, root, _Builder(source).build(root))
+
+
+def _read(path: Path) -> bytes:
+    source = str(path)
+    try:
+        if path.is_dir():
+            raise InputError("is a folder, expected a YAML file", source=source)
+        if not path.exists():
+            raise InputError("no such file", source=source)
+        if not path.is_file():
+            raise InputError("is not a regular file", source=source)
+        if (size := path.stat().st_size) > MAX_BYTES:
+            raise InputError(f"has {size} bytes, at most {MAX_BYTES} are allowed", source=source)
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise InputError(f"can't be read: {error}", source=source) from error
+
+
+def _decode(content: bytes, source: str) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"is not UTF-8: {error.reason}", source=source, line=line) from error
+
+
+def _compose(text: str, source: str) -> Node | None:
+    loader = YAML(typ="safe", pure=True)
+    try:
+        node = loader.compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else None
+        raise InputError(f"YAML: {error.problem or error.context}", source=source, line=line) from error
+    except ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise InputError(f"YAML: {error.reason}", source=source, line=line) from error
+    except YAMLError as error:
+        raise InputError(f"YAML: {error}", source=source) from error
+    except RecursionError as error:
+        raise InputError("YAML: nested too deeply", source=source) from error
+    return node if isinstance(node, Node) else None
+
+
+def _children(node: Node) -> list[Node]:
+    if isinstance(node, MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, SequenceNode) else []
+
+
+def _check_expansion(root: Node, source: str) -> None:
+    """Refuse aliases that contain themselves or whose expansion is too large.
+
+    Sizes are counted bottom up on the node graph, where an alias is a second edge to one
+    node: nothing is expanded.
+    """
+    sizes: dict[int, int] = {}
+    pending: set[int] = set()
+    stack = [(root, False)]
+    while stack:
+        node, ready = stack.pop()
+        if ready:
+            pending.discard(id(node))
+            sizes[id(node)] = 1 + sum(sizes[id(child)] for child in _children(node))
+            if sizes[id(node)] > MAX_NODES:
+                raise InputError(
+                    f"the aliases below here expand to more than {MAX_NODES} values",
+                    source=source,
+                    line=node.start_mark.line + 1,
+                )
+        elif id(node) in pending:
+            raise InputError(
+                f"the anchor {node.anchor!r} contains an alias of itself, so it expands without end",
+                source=source,
+                line=node.start_mark.line + 1,
+            )
+        elif id(node) not in sizes:
+            pending.add(id(node))
+            stack.append((node, True))
+            stack.extend((child, False) for child in _children(node))
+
+
+class _Builder:
+    """Turn nodes into data; a node that several aliases share is built once."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.built: dict[int, Any] = {}
+
+    def build(self, node: Node) -> Any:
+        if id(node) not in self.built:
+            self.built[id(node)] = self._value(node)
+        return self.built[id(node)]
+
+    def _value(self, node: Node) -> Any:
+        if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
+            return self._mapping(node)
+        if isinstance(node, SequenceNode) and node.tag == f"{_TAG}seq":
+            return tuple(self.build(child) for child in node.value)
+        if isinstance(node, ScalarNode) and node.tag.removeprefix(_TAG) in _SCALARS:
+            return self._scalar(node)
+        tag = node.tag.replace(_TAG, "!!")
+        raise self._error(node, f"the tag {tag} is not allowed; put text that looks like one in quotes")
+
+    def _mapping(self, node: MappingNode) -> dict[str, Any]:
+        mapping: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = self.build(key_node) if key_node.tag == f"{_TAG}str" else None
+            if not isinstance(key, str):
+                shown = getattr(key_node, "value", "") if isinstance(key_node, ScalarNode) else "a collection"
+                raise self._error(key_node, f"the key {shown!r} is not text; put it in quotes")
+            if key in mapping:
+                raise self._error(key_node, f"the key {key!r} stands twice in one mapping")
+            mapping[key] = self.build(value_node)
+        return mapping
+
+    def _scalar(self, node: ScalarNode) -> Any:
+        try:
+            value = _SCALARS[node.tag.removeprefix(_TAG)](node.value)
+        except (ValueError, KeyError, OverflowError) as error:
+            raise self._error(node, f"{_shortened(node.value)!r} can't be read as a number") from error
+        if isinstance(value, int | float) and (not math.isfinite(value) or abs(value) > MAX_NUMBER):
+            raise self._error(node, f"{_shortened(node.value)} is not a number of size at most {MAX_NUMBER:g}")
+        return value
+
+    def _error(self, node: Node, message: str) -> InputError:
+        return InputError(message, source=self.source, line=node.start_mark.line + 1)
+
+
+def _integer(text: str) -> int:
+    digits = text.replace("_", "")
+    prefixed = digits.lstrip("+-")[:2].lower() in ("0x", "0o", "0b")
+    return int(digits, 0) if prefixed else int(digits)
+
+
+_SCALARS = {
+    "str": str,
+    "int": _integer,
+    "float": lambda text: float(text.replace("_", "").replace(".inf", "inf").replace(".nan", "nan")),
+    "bool": lambda text: {"true": True, "false": False}[text.lower()],
+    "null": lambda text: None,
+}
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 40 else f"{text[:40]}..."
+
+
+def _child(node: Node | None, part: str | int, mark: Any) -> tuple[Node | None, Any]:
+    """The node below `node` at `part` and the mark of its key, or (None, `mark`)."""
+    if isinstance(node, MappingNode):
+        for key, value in node.value:
+            if key.value == part:
+                return value, key.start_mark
+    elif isinstance(node, SequenceNode) and isinstance(part, int) and part < len(node.value):
+        return node.value[part], node.value[part].start_mark
+    return None, mark

@@ -1,0 +1,54 @@
+"""The errors merap raises on purpose; everything else is a defect."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class MerapError(Exception):
+    """Something the caller can mend; `str(error)` is one clear line.
+
+    `exit_code` is what the command line returns for it.
+    """
+
+    exit_code: ClassVar[int] = 2
+
+
+class InputError(MerapError):
+    """A file, key or argument is wrong.
+
+    Args:
+        message: what is wrong: the offending value and what is allowed.
+        source: the file it stands in.
+        line: its line there, counted from 1.
+        key: the path of keys to it, as `space.edges[3]`.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        source: str | None = None,
+        line: int | None = None,
+        key: str | None = None,
+    ) -> None:
+        self.message = " ".join(message.split())
+        self.source = source
+        self.line = line
+        self.key = key
+        place = f"{source}:{line}" if source and line is not None else source
+        super().__init__(": ".join(part for part in (place, key, self.message) if part))
+
+
+class OutputError(MerapError):
+    """A result can't be written without losing something that is there."""
+
+
+class ModelError(MerapError):
+    """A model violates an invariant; the message names state and action."""
+
+
+class EngineError(MerapError):
+    """A model checker failed or can't answer."""
+
+    exit_code: ClassVar[int] = 3

@@ -1,0 +1,145 @@
+"""State valuations as UMB packs them: bit fields in little-endian records of whole bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.errors import InputError, ModelError
+from merap.mdp.model import Ints
+from merap.mdp.umb_archive import Archive
+from merap.mdp.umb_index import Index, Padding, ValuationClass, Valuations, ValueType, Variable
+
+Bytes = npt.NDArray[np.uint8]
+
+VALUATIONS_ENTRY = "valuations/states/valuations.bin"
+# Storm adds this bit when it is told to build a state for assignments out of range.
+OUT_OF_BOUNDS_BIT = "_OutOfBoundsBit"
+
+_WIDTHS = (8, 16, 32, 64)
+
+
+def read_valuations(archive: Archive, index: Index) -> tuple[tuple[str, ...], Ints]:
+    """Names and values of the state variables; Booleans as 0 and 1.
+
+    Returns:
+        V names in the archive's order, int64 [S, V].
+
+    Raises:
+        InputError: there are none, or of a kind that isn't integer or Boolean.
+        ModelError: a state is marked as out of bounds.
+    """
+    packing = _single_class(archive, index)
+    records, fields = _records(archive, index, packing)
+    columns = {field.name: _decode(records, field, start, archive.source) for field, start in fields}
+    stray = columns.pop(OUT_OF_BOUNDS_BIT, None)
+    if stray is not None and stray.any():
+        raise ModelError("an update takes a variable out of its range")
+    if len(columns) + (stray is not None) != len(fields):
+        raise InputError("two state variables have one name", source=archive.source)
+    values = np.empty((len(records), len(columns)), dtype=np.int64)
+    for position, column in enumerate(columns.values()):
+        values[:, position] = column
+    return tuple(columns), values
+
+
+def _single_class(archive: Archive, index: Index) -> ValuationClass:
+    if "states" not in index.valuations:
+        raise InputError("no state valuations; export the model with them", source=archive.source)
+    classes = index.valuations["states"].classes
+    if len(classes) != 1:
+        raise InputError(f"{len(classes)} classes of state valuations, 1 is allowed", source=archive.source)
+    return classes[0]
+
+
+def _records(
+    archive: Archive, index: Index, packing: ValuationClass
+) -> tuple[Bytes, list[tuple[Variable, int]]]:
+    """The packed records, uint8 [S, bytes], and each variable with its first bit."""
+    fields = []
+    bits = 0
+    for entry in packing.variables:
+        if isinstance(entry, Padding):
+            bits += entry.padding
+            continue
+        _check_supported(entry, archive.source)
+        fields.append((entry, bits))
+        bits += entry.type.size
+    if bits % 8:
+        raise InputError(f"a state valuation has {bits} bits, not whole bytes", source=archive.source)
+    states = index.transition_system.num_states
+    content = archive.array(VALUATIONS_ENTRY, "u1", states * (bits // 8))
+    return content.reshape(states, bits // 8), fields
+
+
+def _check_supported(variable: Variable, source: str) -> None:
+    kind, bits = variable.type.type, variable.type.size
+    if kind not in {"bool", "int", "uint"} or bits > 64 or variable.is_optional:
+        what = f"{'optional ' if variable.is_optional else ''}{kind} of {bits} bits"
+        raise InputError(
+            f"state variable {variable.name!r} is {what}; allowed are bool, int and uint up to 64",
+            source=source,
+        )
+
+
+def _decode(records: Bytes, variable: Variable, start: int, source: str) -> Ints:
+    bits = variable.type.size
+    raw = _extract(records, start, bits)
+    if variable.type.type == "bool":
+        return np.minimum(raw, np.uint64(1)).view(np.int64)
+    if variable.type.type == "int":
+        # Two's complement of `bits` bits: move the sign to the top and back.
+        value = (raw << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
+    else:
+        value = raw.view(np.int64)
+    low, high = int(value.min()), int(value.max())
+    past_sign = variable.type.type == "uint" and low < 0
+    if past_sign or not -(2**63) <= low + variable.offset <= high + variable.offset < 2**63:
+        raise InputError(f"state variable {variable.name!r} has values past 64 bits", source=source)
+    decoded: Ints = value + np.int64(variable.offset)
+    return decoded
+
+
+def _extract(records: Bytes, start: int, bits: int) -> npt.NDArray[np.uint64]:
+    """Bits start..start + bits - 1 of each record, uint64 [S]; a loop over the bytes they touch."""
+    value = np.zeros(len(records), dtype=np.uint64)
+    first = start // 8
+    for byte in range(first, (start + bits - 1) // 8 + 1):
+        shift = 8 * byte - start
+        part = records[:, byte].astype(np.uint64)
+        value |= part << np.uint64(shift) if shift >= 0 else part >> np.uint64(-shift)
+    return value if bits == 64 else value & np.uint64((1 << bits) - 1)
+
+
+def pack_valuations(names: tuple[str, ...], values: Ints) -> tuple[Valuations, Bytes]:
+    """The valuations in whole bytes, each variable as unsigned above its minimum.
+
+    Args:
+        names: V names.
+        values: int64 [S, V].
+
+    Returns:
+        The description for the index; uint8 [S, bytes].
+    """
+    variables: list[Variable | Padding] = []
+    columns: list[Bytes] = []
+    for name, column in zip(names, values.T, strict=True):
+        variable, stored = _pack_column(name, column)
+        variables.append(variable)
+        columns.append(stored)
+    if not variables:
+        variables.append(Padding(padding=8))
+        columns.append(np.zeros((len(values), 1), dtype=np.uint8))
+    packing = ValuationClass(variables=tuple(variables))
+    return Valuations(unique=True, classes=(packing,)), np.concatenate(columns, axis=1)
+
+
+def _pack_column(name: str, column: Ints) -> tuple[Variable, Bytes]:
+    low, high = int(column.min()), int(column.max())
+    bits = next((width for width in _WIDTHS if high - low < 1 << width), 64)
+    signed = bits == 64
+    offset = 0 if signed else low
+    stored = (column - offset).astype(f"<{'i' if signed else 'u'}{bits // 8}")
+    kind = ValueType(type="int" if signed else "uint", size=bits)
+    variable = Variable(name=name, type=kind, lower=low, upper=high, offset=offset)
+    return variable, stored.view(np.uint8).reshape(len(column), bits // 8)

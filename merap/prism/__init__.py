@@ -1,0 +1,1 @@
+"""Combinations as PRISM text."""

@@ -1,0 +1,58 @@
+"""The module `capability`: it owns the mode and says where external actions are enabled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from merap.concerns.combination import Innate
+from merap.prism.lines import Command, Variable
+from merap.prism.location_text import bare
+from merap.prism.step_text import Step, StepWriter
+
+
+@dataclass(frozen=True)
+class CapabilityText:
+    """What `capability.prism.j2` is filled with.
+
+    Attributes:
+        mode_key: comment that numbers the modes.
+        variables: the mode.
+        commands: external actions, then innate ones.
+    """
+
+    mode_key: str
+    variables: list[Variable]
+    commands: list[Command]
+
+
+def capability_text(writer: StepWriter, *, fixed_start: bool) -> CapabilityText:
+    """The module; without `init` where there are several initial states."""
+    combination = writer.combination
+    capability = combination.capability
+    guard = bare(writer.mode_in(capability.terminal(len(combination.modes))))
+    initial = capability.initial_mode if fixed_start else None
+    return CapabilityText(
+        mode_key=", ".join(f"{index} {name}" for index, name in enumerate(combination.modes)),
+        variables=[Variable("mode", max(1, len(combination.modes) - 1), initial)],
+        commands=[
+            *(Command(action.name, guard, "true") for action in capability.external),
+            *(_innate(writer, capability.innate, guard) if capability.innate else []),
+        ],
+    )
+
+
+def _innate(writer: StepWriter, innate: Innate, in_terminal_mode: str) -> list[Command]:
+    commands = [
+        Command(step.action, f"mode={step.mode}", _updates(step))
+        for action in innate.actions
+        for step in writer.innate(action)
+    ]
+    if innate.restart:
+        commands.append(Command(innate.start_action, in_terminal_mode, f"(mode'={innate.entry})"))
+    return commands
+
+
+def _updates(step: Step) -> str:
+    if len(step.branches) == 1:
+        return f"(mode'={step.branches[0].mode})"
+    return " + ".join(f"{branch.probability} : (mode'={branch.mode})" for branch in step.branches)

@@ -1,0 +1,39 @@
+"""The kinds of lines that templates put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Formula:
+    """`formula name = text;`."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Variable:
+    """`name : [0..high] init initial;`; no `init` where `initial` is None."""
+
+    name: str
+    high: int
+    initial: int | None
+
+
+@dataclass(frozen=True)
+class Command:
+    """`[action] guard -> updates;`."""
+
+    action: str
+    guard: str
+    updates: str
+
+
+@dataclass(frozen=True)
+class Payment:
+    """`[action] guard : text;`."""
+
+    action: str
+    text: str

@@ -1,0 +1,135 @@
+"""Functions of the location as compact PRISM expressions.
+
+Locations are written as boxes of rows and columns on a grid and as runs of numbers on a graph,
+never one by one: at 100 x 100 cells that builds hundreds of times faster. A chain that would be
+long is split in halves, since Storm's parser overflows its stack on a chain of thousands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+
+from merap.concerns.space import Space
+from merap.mdp.model import Bools, Ints
+
+MAX_CHAIN = 500
+Box = tuple[int, int, int, int]  # first and last row, first and last column
+
+
+def predicate(space: Space, mask: Bools) -> str:
+    """Membership in `mask` (bool [P]): a comparison, its negation, or in parentheses."""
+    return _predicate(_window(space, mask.astype(np.int64)))
+
+
+def cases(space: Space, texts: Sequence[str], index: Ints) -> str:
+    """The expression that is `texts[index[p]]` at location p: an atom, or in parentheses.
+
+    Args:
+        space: the locations.
+        texts: alternatives, each an atom or in parentheses.
+        index: int64 [P], which of them.
+    """
+    return _cases(_window(space, index), texts)
+
+
+def bare(text: str) -> str:
+    """`text` without parentheses around the whole, as in the condition of a `?:`."""
+    if not (text.startswith("(") and text.endswith(")")) or "?" in text:
+        return text
+    depths = list(accumulate((char == "(") - (char == ")") for char in text))
+    return text[1:-1] if 0 not in depths[:-1] else text
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """A part of the space; `values` (int64 [rows, columns]) begins at (row, column). A graph is one row."""
+
+    names: tuple[str, str]
+    values: Ints
+    row: int
+    column: int
+
+    def halves(self) -> tuple[str, _Window, _Window]:
+        """The longer side cut in two, and the condition for the first half."""
+        rows, columns = self.values.shape
+        if rows >= columns:
+            cut = rows // 2
+            first = _Window(self.names, self.values[:cut], self.row, self.column)
+            second = _Window(self.names, self.values[cut:], self.row + cut, self.column)
+            return f"{self.names[0]}<{self.row + cut}", first, second
+        cut = columns // 2
+        first = _Window(self.names, self.values[:, :cut], self.row, self.column)
+        second = _Window(self.names, self.values[:, cut:], self.row, self.column + cut)
+        return f"{self.names[1]}<{self.column + cut}", first, second
+
+    def union(self, boxes: Sequence[Box]) -> str:
+        """Membership in any of the boxes."""
+        terms = [self._membership(box) for box in boxes]
+        return terms[0] if len(terms) == 1 else f"({' | '.join(terms)})"
+
+    def _membership(self, box: Box) -> str:
+        rows, columns = self.values.shape
+        conditions = [
+            *_bounds(self.names[0], box[0], box[1], rows - 1, self.row),
+            *_bounds(self.names[1], box[2], box[3], columns - 1, self.column),
+        ]
+        text = " & ".join(conditions)
+        return f"({text})" if len(conditions) > 1 else text
+
+
+def _window(space: Space, values: Ints) -> _Window:
+    shape = space.shape or (1, space.num_locations)
+    names = space.variable_names
+    return _Window((names[0], names[-1]), values.reshape(shape), 0, 0)
+
+
+def _bounds(name: str, first: int, last: int, end: int, offset: int) -> list[str]:
+    if first == last and end > 0:
+        return [f"{name}={first + offset}"]
+    lower = [f"{name}>={first + offset}"] if first > 0 else []
+    return lower + ([f"{name}<={last + offset}"] if last < end else [])
+
+
+def _predicate(window: _Window) -> str:
+    inside, outside = list(_boxes(window.values != 0)), list(_boxes(window.values == 0))
+    if not inside or not outside:
+        return "true" if inside else "false"
+    if min(len(inside), len(outside)) > MAX_CHAIN:
+        condition, first, second = window.halves()
+        return f"({condition} ? {_predicate(first)} : {_predicate(second)})"
+    if len(inside) <= len(outside):
+        return window.union(inside)
+    return f"!({bare(window.union(outside))})"
+
+
+def _cases(window: _Window, texts: Sequence[str]) -> str:
+    used, counts = np.unique(window.values, return_counts=True)
+    boxes = {
+        int(value): list(_boxes(window.values == value)) for value in used[np.argsort(-counts, kind="stable")]
+    }
+    default, *others = boxes
+    if sum(len(boxes[value]) for value in others) > MAX_CHAIN:
+        condition, first, second = window.halves()
+        return f"({condition} ? {_cases(first, texts)} : {_cases(second, texts)})"
+    chain = "".join(f"{bare(window.union(boxes[value]))} ? {texts[value]} : " for value in others)
+    return f"({chain}{texts[default]})" if others else texts[default]
+
+
+def _boxes(mask: Bools) -> Iterator[Box]:
+    """Disjoint boxes that cover `mask` (bool [rows, columns]): runs, equal ones in adjoining rows merged."""
+    growing: dict[tuple[int, int], int] = {}
+    for row in range(len(mask) + 1):
+        runs = _runs(mask[row]) if row < len(mask) else []
+        for run in [run for run in growing if run not in runs]:
+            yield growing.pop(run), row - 1, *run
+        for run in runs:
+            growing.setdefault(run, row)
+
+
+def _runs(row: Bools) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(row.astype(np.int8), prepend=0, append=0))
+    return [(int(begin), int(stop) - 1) for begin, stop in edges.reshape(-1, 2)]

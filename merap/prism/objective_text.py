@@ -1,0 +1,87 @@
+"""The module `objective`: it owns the flag `done`, and pays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor
+
+import numpy as np
+
+from merap.concerns.combination import Combination, Condition
+from merap.concerns.expressions import evaluate
+from merap.concerns.synthesis import scope_of_pairs
+from merap.prism.lines import Command, Formula, Payment
+from merap.prism.location_text import bare, predicate
+from merap.prism.step_text import Branch, Step, StepWriter
+
+
+@dataclass(frozen=True)
+class ObjectiveText:
+    """What `objective.prism.j2` is filled with.
+
+    Attributes:
+        complete: when a state is complete.
+        payments: formulas of the expected reward of each action.
+        fixed_start: whether `done` carries its `init`.
+        commands: one for each action.
+        labels: `goal` and, if declared, `unsafe`.
+        shift: added to every reward of the structure `objective_shifted`.
+    """
+
+    complete: str
+    payments: list[Payment]
+    fixed_start: bool
+    commands: list[Command]
+    labels: list[Formula]
+    shift: int
+
+
+def objective_text(writer: StepWriter, *, fixed_start: bool) -> ObjectiveText:
+    """The module for one objective."""
+    objective = writer.combination.objective
+    actions = _actions(writer)
+    labels = [Formula("goal", bare(predicate(writer.space, objective.goal)))]
+    if objective.unsafe is not None:
+        labels.append(Formula("unsafe", bare(_in_states(writer, objective.unsafe))))
+    return ObjectiveText(
+        complete="done" if objective.ends_in is None else f"done | {_in_states(writer, objective.ends_in)}",
+        payments=[Payment(action, writer.pay(steps)) for action, steps in actions.items()],
+        fixed_start=fixed_start,
+        commands=[Command(action, "!complete", _flag(writer, action)) for action in actions],
+        labels=labels,
+        shift=_shift(writer.combination),
+    )
+
+
+def _actions(writer: StepWriter) -> dict[str, list[Step]]:
+    """Every action this capability has, in declared order, and its steps."""
+    capability = writer.combination.capability
+    actions = {action.name: [writer.external(action)] for action in capability.external}
+    if capability.innate is not None:
+        innate = capability.innate
+        actions |= {action.name: writer.innate(action) for action in innate.actions}
+        if innate.restart:
+            start = Branch("1", mode=innate.entry)
+            actions[innate.start_action] = [Step(innate.start_action, (start,))]
+    return actions
+
+
+def _in_states(writer: StepWriter, condition: Condition) -> str:
+    return writer.holds(condition, "", Branch("1"))
+
+
+def _flag(writer: StepWriter, action: str) -> str:
+    ends_after = writer.combination.objective.ends_after
+    if ends_after is None:
+        return "true"
+    condition = writer.holds(ends_after, action, Branch("1"))
+    return "true" if condition == "false" else f"(done'=({bare(condition)}))"
+
+
+def _shift(combination: Combination) -> int:
+    """One more than the greatest loss any rule can bring, as PRISM-games takes no negative reward."""
+    scope = scope_of_pairs(combination)
+    least = min(
+        (float(np.min(evaluate(rule.value, scope))) for rule in combination.objective.rules), default=0.0
+    )
+    return floor(-min(least, 0.0)) + 1
