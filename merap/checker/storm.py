@@ -15,6 +15,7 @@ from typing import Any
 
 import stormpy
 from stormpy.developer import LogLevel, set_log_level
+from stormpy.developer.info import StormVersion
 
 from merap.errors import EngineError, InputError, MerapError, ModelError
 from merap.mdp.model import Floats, TabularMDP
@@ -127,6 +128,11 @@ class StormModel:
 
 def _mean(weights: list[float], values: list[float]) -> float:
     return sum(weight * float(value) for weight, value in zip(weights, values, strict=True))
+
+
+def version() -> str:
+    """Storm's own version, as `2.0.0`."""
+    return str(StormVersion.short_version_string())
 
 
 def build_text(text: str, source: str) -> StormModel:

@@ -6,16 +6,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-import numpy as np
-
+from merap.checker.building import BuiltModel, build_combination
 from merap.checker.obstruction import obstruction
 from merap.checker.properties import REACH, properties
-from merap.checker.storm import StormModel, build_text
 from merap.concerns.combination import Combination
 from merap.errors import InputError
-from merap.mdp.matching import match_rows
-from merap.mdp.model import Floats, TabularMDP
-from merap.prism.rendering import render
 
 
 @dataclass(frozen=True)
@@ -67,29 +62,14 @@ def verify(combinations: Iterable[Combination], only: str | None = None) -> Iter
         wanted = properties(combination)
         if only is not None and only not in wanted:
             raise InputError(f"no property is called {only!r}; there are {', '.join(wanted)}")
-        model = build_text(render(combination), combination.name)
-        initial = initial_in(combination, model.mdp())
+        built = build_combination(combination)
         for name, text in wanted.items():
             if only in (None, name):
-                yield _verdict(combination, model, name, text, initial)
+                yield _verdict(combination, built, name, text)
 
 
-def initial_in(combination: Combination, built: TabularMDP) -> Floats:
-    """float64 [S]: the start distribution over the states of a built model.
-
-    PRISM's language has initial states without weights; the weights are the objective's.
-    """
-    starts = np.flatnonzero(combination.objective.start)
-    columns = [built.variable_names.index(name) for name in combination.space.variable_names]
-    initial_states = np.flatnonzero(built.initial)
-    row = match_rows(combination.space.valuations[starts], built.valuations[initial_states][:, columns])
-    weights = np.zeros(built.num_states)
-    weights[initial_states[row]] = combination.objective.start[starts]
-    return weights
-
-
-def _verdict(combination: Combination, model: StormModel, name: str, text: str, initial: Floats) -> Verdict:
-    answer = model.check(text, initial)
+def _verdict(combination: Combination, built: BuiltModel, name: str, text: str) -> Verdict:
+    answer = built.storm.check(text, built.mdp.initial)
     holds = answer.holds
     if name == REACH and answer.value is not None:
         holds = answer.value > 0

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
-from merap.base.build import build_base, model_of
+from merap.base.build import build_base, canonical
 from merap.cli import options
 from merap.cli.output import number, say, table, warn, write_json
-from merap.concerns.case_study import CaseStudy, load_case
-from merap.mdp.difference import model_difference
+from merap.concerns.case_study import load_case
+from merap.concerns.synthesis import synthesise
+from merap.mdp.difference import differences
 
 Weight = Annotated[float, typer.Option(min=0)]
 
@@ -61,16 +62,33 @@ def difference(
 ) -> None:
     """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
     study = load_case(case)
-    rows = _differences(study, system, w1, w2)
-    write_json(
-        json,
-        {"case": study.name, "system": system, "w1": w1, "w2": w2, "difference": rows[0]["total"], "nearest": rows[0]["combination"], "terms": rows},
-        force=force,
+    base = build_base(study)
+    met = study.system(system)
+    found = differences(
+        canonical(met, synthesise(met)), dict(zip(base.names, base.models, strict=True)), w1, w2
     )
+    ranked = sorted(found.items(), key=lambda item: item[1].total)
+    name, least = ranked[0]
+    report = {
+        "case": study.name,
+        "system": system,
+        "w1": w1,
+        "w2": w2,
+        "combinations": base.covered,
+        "compared": len(ranked),
+        "difference": least.total,
+        "nearest": name,
+        "terms": [{"combination": name, **asdict(terms)} for name, terms in ranked],
+    }
+    write_json(json, report, force=force)
     if str(json) == "-":
         return
     table(
         ("combination", "difference", "transitions", "rewards"),
-        [[str(row["combination"]), *(number(float(row[key])) for key in ("total", "transition", "reward"))] for row in rows[:most]],
+        [
+            (name, number(terms.total), number(terms.transition), number(terms.reward))
+            for name, terms in ranked[:most]
+        ],
     )
-    say(f"{system} differs from the base by {number(float(rows[0]['total']))}; nearest: {rows[0]['combination']}")
+    drawn = "" if len(ranked) == base.covered else f" (of {len(ranked)} drawn from {base.covered})"
+    say(f"{system} differs from the base by {number(least.total)}; nearest{drawn}: {name}")

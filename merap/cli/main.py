@@ -5,15 +5,11 @@ from __future__ import annotations
 import sys
 import warnings
 
-import click
 import typer
 
 from merap.cli import inspection, learning, modelling, tools
 from merap.cli.output import complain
 from merap.errors import MerapError
-
-USAGE = 2
-INTERRUPTED = 130
 
 app = typer.Typer(
     help="Meta-reinforcement-learning adaptive planning over checked Markov decision processes.",
@@ -29,13 +25,7 @@ def main() -> None:
     """Run; exit 0 when fine, 1 on a false verdict, 2 on wrong input, 3 if an engine failed."""
     warnings.simplefilter("ignore")  # of libraries; merap raises or reports what matters
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        app()
     except MerapError as error:
         complain(str(error))
         sys.exit(error.exit_code)
-    except click.ClickException as error:
-        complain(error.format_message())
-        sys.exit(USAGE)
-    except (KeyboardInterrupt, click.Abort):
-        complain("interrupted")
-        sys.exit(INTERRUPTED)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -27,14 +26,18 @@ def register(app: typer.Typer) -> None:
     app.command()(export)
 
 
-def render(case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0) -> None:
+def render(
+    case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
+) -> None:
     """Write one <combination>.prism each, and manifest.json."""
     study = load_case(case)
     count = render_case(study, _chosen(study, sample, seed, "Rendering"), out)
     say(f"{count} models in {out}")
 
 
-def export(case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0) -> None:
+def export(
+    case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
+) -> None:
     """Build each combination with Storm and write it as UMB, a format other checkers read."""
     study = load_case(case)
     count = export_case(study, _chosen(study, sample, seed, "Exporting"), out)
@@ -48,7 +51,7 @@ def verify(
     seed: options.Seed = 0,
     json: options.Json = None,
     force: options.Force = False,
-) -> int:
+) -> None:
     """Build every combination with Storm and check its properties.
 
     Exits with 1 if a verdict is false, and says what cuts the goal off.
@@ -56,10 +59,13 @@ def verify(
     study = load_case(case)
     warn(study.warnings)
     verdicts = list(verify_combinations(_chosen(study, sample, seed, "Verifying"), name))
-    write_json(json, {"case": study.name, "verdicts": [verdict.as_dict() for verdict in verdicts]}, force=force)
+    write_json(
+        json, {"case": study.name, "verdicts": [verdict.as_dict() for verdict in verdicts]}, force=force
+    )
     if str(json) != "-":
         _show(verdicts)
-    return FALSE_VERDICT if any(verdict.holds is False for verdict in verdicts) else 0
+    if any(verdict.holds is False for verdict in verdicts):
+        raise typer.Exit(FALSE_VERDICT)
 
 
 def _chosen(study: CaseStudy, sample: int | None, seed: int, what: str) -> Iterable[Combination]:
@@ -69,22 +75,23 @@ def _chosen(study: CaseStudy, sample: int | None, seed: int, what: str) -> Itera
 
 
 def _show(verdicts: list[Verdict]) -> None:
-    truth = {True: "yes", False: "NO", None: "-"}
+    """A row for each combination, a column for each property; then what is false, and why."""
+    names = list(dict.fromkeys(verdict.name for verdict in verdicts))
+    cells: dict[str, dict[str, str]] = {}
+    for verdict in verdicts:
+        cells.setdefault(verdict.combination, {})[verdict.name] = _cell(verdict)
     table(
-        ("combination", "property", "value", "bounds", "holds"),
-        [
-            (
-                verdict.combination,
-                verdict.name,
-                number(verdict.value),
-                "-" if verdict.value is None else f"[{number(verdict.lower)}, {number(verdict.upper)}]",
-                truth[verdict.holds],
-            )
-            for verdict in verdicts
-        ],
+        ("combination", *names),
+        [(combination, *(row.get(name, "") for name in names)) for combination, row in cells.items()],
     )
     false = [verdict for verdict in verdicts if verdict.holds is False]
     for verdict in false:
-        say(f"{verdict.combination}: {verdict.name} ({verdict.property}) does not hold: {verdict.reason or 'see its value'}")
-    combinations = len({verdict.combination for verdict in verdicts})
-    say(f"{combinations} combinations, {len(verdicts)} verdicts, {len(false)} false")
+        reason = verdict.reason or "see its value"
+        say(f"{verdict.combination}: {verdict.name} ({verdict.property}) does not hold: {reason}")
+    say(f"{len(cells)} combinations, {len(verdicts)} verdicts, {len(false)} false")
+
+
+def _cell(verdict: Verdict) -> str:
+    if verdict.value is not None:
+        return number(verdict.value) + (" FALSE" if verdict.holds is False else "")
+    return "FALSE" if verdict.holds is False else "true"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,8 +15,9 @@ from rich.table import Table
 from merap.base.folder import write_file
 
 Item = TypeVar("Item")
+PIPE_WIDTH = 160
 
-out = Console(highlight=False, soft_wrap=True)
+out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
@@ -37,7 +39,9 @@ def warn(messages: Iterable[str]) -> None:
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """A table on standard output."""
-    grid = Table(*columns, box=None, pad_edge=False, header_style="bold")
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    for index, column in enumerate(columns):
+        grid.add_column(column, overflow="fold", no_wrap=index == 0)
     for row in rows:
         grid.add_row(*row)
     out.print(grid)
@@ -45,7 +49,9 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     """Pass items on, with a bar on standard error where a person watches."""
-    yield from track(items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal)
+    yield from track(
+        items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal
+    )
 
 
 def write_json(path: Path | None, content: Any, *, force: bool) -> None:

@@ -45,5 +45,8 @@ def _storm() -> tuple[str, str]:
 def _prism_games() -> tuple[str, str]:
     found = shutil.which("prism")
     if found is None:
-        return "not found", "optional second engine: prismmodelchecker.org/games, then put `prism` on the PATH"
+        return (
+            "not found",
+            "optional second engine: prismmodelchecker.org/games, then put `prism` on the PATH",
+        )
     return "found", found

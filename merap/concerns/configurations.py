@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -60,7 +61,9 @@ def read_configurations(
     else:
         configurations = _named(frame, path, types, spec)
     if configurations.count == 0:
-        raise frame.document.error(path, f"empty concern: {concern} has no configuration, at least one is needed")
+        raise frame.document.error(
+            path, f"empty concern: {concern} has no configuration, at least one is needed"
+        )
     return configurations
 
 
@@ -106,13 +109,15 @@ def _generated(
     product = _product(frame, (*path, "generate"), types, spec)
     keep = reachable if spec.require_reachable else None
     if spec.sample is not None:
-        return Generated(product, _sampled(frame, path, product, spec.sample, spec.seed, keep))
+        with frame.document.at(*path, "sample"):
+            return Generated(product, _sampled(product, spec.sample, np.random.default_rng(spec.seed), keep))
     if keep is None:
         return Generated(product)
     if product.count > MAX_ENUMERATED:
         raise frame.document.error(
             (*path, "require_reachable"),
-            f"{product.count} configurations are too many to check, at most {MAX_ENUMERATED} are; add sample: n",
+            f"{product.count} configurations are too many to check, the limit is {MAX_ENUMERATED}; "
+            "add sample: n",
         )
     everything = product.all_values()
     blocks = iter(lambda: list(itertools.islice(everything, BLOCK)), [])
@@ -120,17 +125,13 @@ def _generated(
     return Generated(product, np.flatnonzero(np.concatenate(mask)) if mask else np.zeros(0, dtype=np.int64))
 
 
-def _sampled(
-    frame: Frame, path: KeyPath, product: Product, count: int, seed: int, keep: Filter | None
-) -> Ints:
+def _sampled(product: Product, count: int, generator: np.random.Generator, keep: Filter | None) -> Ints:
     """Rising ranks of `count` distinct configurations that `keep` accepts."""
     if count > product.count:
-        raise frame.document.error(
-            (*path, "sample"), f"sample: {count} is more than the {product.count} configurations there are"
-        )
+        raise InputError(f"a sample of {count} is more than the {product.count} configurations there are")
     found: list[int] = []
     drawn = 0
-    for block in draw(product.count, count, np.random.default_rng(seed)):
+    for block in draw(product.count, count, generator):
         for start in range(0, len(block), BLOCK):
             ranks = block[start : start + BLOCK]
             drawn += len(ranks)
@@ -140,9 +141,7 @@ def _sampled(
                 return np.sort(np.array(found[:count], dtype=np.int64))
         if drawn > MAX_DRAWN_PER_KEPT * count:
             break
-    raise frame.document.error(
-        (*path, "sample"), f"only {len(found)} of {drawn} configurations drawn leave every goal reachable"
-    )
+    raise InputError(f"only {len(found)} of {drawn} configurations drawn leave every goal reachable")
 
 
 def _product(frame: Frame, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec) -> Product:
@@ -156,6 +155,9 @@ def _product(frame: Frame, path: KeyPath, types: ParameterTypes, spec: Generated
     labels = [label for pool in pools.values() for label in pool.values()]
     with frame.document.at(*path):
         inner, outer = separators(labels)
+        for name, pool in pools.items():
+            if len(set(pool.values())) < len(pool):
+                raise InputError(f"the values of {name!r} can't be told apart by name")
     product = Product(
         tuple(
             Choice(name, types[name], tuple(pool), tuple(pool.values()), _sizes(spec.generate[name]), inner)
@@ -191,8 +193,8 @@ def _check_choice(frame: Frame, path: KeyPath, kind: ParameterType, choice: Choi
 def _members(frame: Frame, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> tuple[Any, ...]:
     with frame.document.at(*path, "from"):
         members = _pool(frame, kind, choice.source)
-        for member in members:
-            if members.count(member) > 1:
+        for member, times in Counter(members).items():
+            if times > 1:
                 raise InputError(f"{_label(frame, kind, member)} stands twice")
     with frame.document.at(*path, "except"):
         without = set(find_locations(choice.without, frame.space))
@@ -225,7 +227,7 @@ def _label(frame: Frame, kind: ParameterType, member: Any) -> str:
     """The part of a configuration's name that stands for a member."""
     space = frame.space
     if kind in ("location", "locations"):
-        return space.locations[member]
+        return str(space.locations[member])
     if kind == "edges":
         source, label = member
         return f"{space.locations[source]}_{space.moves[label]}"

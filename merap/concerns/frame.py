@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from merap.concerns.expressions import Constant, Expression, Kind, check, exact, parse
+from merap.concerns.expressions import Constant, Expression, Kind, Value, check, exact, parse
 from merap.concerns.names import suggestion
-from merap.concerns.parameters import EXPRESSION_KINDS, ParameterTypes, Values, find_location, find_locations
+from merap.concerns.parameters import (
+    EXPRESSION_KINDS,
+    ParameterTypes,
+    Values,
+    find_location,
+    find_locations,
+    held_locations,
+)
 from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
 from merap.concerns.yaml_file import Document, KeyPath
@@ -67,9 +75,10 @@ class Frame:
             check(expression, kinds, expected)
             return expression
 
-    def mode_constants(self) -> dict[str, Expression]:
+    @cached_property
+    def mode_constants(self) -> dict[str, Value]:
         """Name of a mode -> its number."""
-        return {name: Constant(exact(index)) for index, name in enumerate(self.modes)}
+        return {name: exact(index) for index, name in enumerate(self.modes)}
 
     def mode_mask(self, path: KeyPath, names: tuple[str, ...] | None) -> Bools | None:
         """bool [Q], the modes called so; None for None.
@@ -102,14 +111,23 @@ class Frame:
             return find_locations(refs, self.space)
         indices: list[int] = []
         for ref in refs:
-            held = values[ref] if isinstance(ref, str) and ref in types else None
-            if held is None:
-                indices.append(find_location(ref, self.space))
-            elif isinstance(ref, str) and types[ref] in ("location", "locations"):
-                indices.extend(held if isinstance(held, tuple) else (int(held),))  # type: ignore[arg-type]
+            if isinstance(ref, str) and ref in types:
+                self.require_location(ref, types)
+                indices.extend(held_locations(values, ref))
             else:
-                raise InputError(f"the parameter {ref!r} holds no locations")
+                indices.append(find_location(ref, self.space))
         return tuple(indices)
+
+    def require_location(self, parameter: str, types: ParameterTypes) -> None:
+        """Refuse a parameter that holds no locations.
+
+        Raises:
+            InputError: without place.
+        """
+        if types[parameter] not in ("location", "locations"):
+            raise InputError(
+                f"the parameter {parameter!r} is of type {types[parameter]}, it holds no locations"
+            )
 
 
 def frozen(array: Bools) -> Bools:

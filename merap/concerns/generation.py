@@ -101,7 +101,9 @@ class Choice:
         if len(positions) not in self.sizes:
             return None
         smaller = range(self.sizes.start, len(positions))
-        return sum(math.comb(len(self.members), size) for size in smaller) + rank_of(len(self.members), positions)
+        return sum(math.comb(len(self.members), size) for size in smaller) + rank_of(
+            len(self.members), positions
+        )
 
     def name(self, rank: int) -> str:
         """`blocked_r1c2_r3c2`."""
@@ -222,7 +224,9 @@ class Product:
 
     def first_with(self, parameter: str, member: Any) -> int | None:
         """A rank whose value of `parameter` holds `member`; None if no value does."""
-        digits = [choice.first_with(member) if choice.parameter == parameter else 0 for choice in self.choices]
+        digits = [
+            choice.first_with(member) if choice.parameter == parameter else 0 for choice in self.choices
+        ]
         return self.rank(digits)
 
 

@@ -11,35 +11,42 @@ from merap.errors import InputError
 IDENTIFIER = r"^[A-Za-z_][A-Za-z0-9_]*$"
 MAX_NAME_LENGTH = 200
 
-# Tokens of PrismParser.jj of PRISM 4.8 and of PRISM-games 3.
-PRISM_GAMES_KEYWORDS = frozenset(
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+# Tokens of PRISM-games' PrismParser.jj.
+PRISM_GAMES_KEYWORDS = _words(
     """
     A bool clock const csg ctmc ctmdp C disc double dtmc E endinit endinvariant endmodule
     endobservables endplayer endrewards endsystem false formula filter func F Fc F0 global G idtmc imdp
     init invariant I int label maxmax maxmin max mdp minmax minmin min module X nondeterministic
-    observable observables of Pmaxmax Pmaxmin Pmax Pminmax Pminmin Pmin P player pomdp popta
+    observable observables Pmaxmax Pmaxmin Pmax Pminmax Pminmin Pmin P player pomdp popta
     probabilistic prob pta rate rewards Rmaxmax Rmaxmin Rmax Rminmax Rminmin Rmin R S
-    stochastic stpg smg system tptg true tsg U W array
-    """.split()
+    stochastic stpg smg system tptg true U W
+    """
 )
 
 # `keywordsStruct` of Storm's PrismParserGrammar.h and FormulaParserGrammar.h, and its functions.
-STORM_KEYWORDS = frozenset(
+STORM_KEYWORDS = _words(
     """
     dtmc ctmc mdp ctmdp ma pomdp pta smg const int bool module endmodule rewards endrewards true
     false min max floor ceil init endinit atLeastOneOf atMostOneOf exactlyOneOf invariant
     endinvariant player endplayer formula label global system endsystem observables
     endobservables observable clock double F G X U C I P R S T LRA MP multi quantile HOA
-    pow mod log sin cos round rate
-    """.split()
+    pow mod log rate
+    """
 )
 
 KEYWORDS = PRISM_GAMES_KEYWORDS | STORM_KEYWORDS
 
 # What the PRISM text of a combination declares by itself.
-RESERVED = frozenset(
-    "end done complete goal unsafe deadlock out_of_bounds row col loc mode shift "
-    "space environment capability objective objective_shifted steps".split()
+RESERVED = _words(
+    """
+    end done complete goal unsafe deadlock out_of_bounds row col loc mode shift space environment
+    capability objective objective_shifted steps
+    """
 )
 RESERVED_PREFIXES = ("start_", "open_", "pay_", "attribute_", "row_", "col_", "loc_")
 
@@ -55,7 +62,9 @@ def check_name(name: str, what: str) -> None:
             f"illegal name {name!r} of {what}; allowed are letters, digits and _, the first no digit"
         )
     if len(name) > MAX_NAME_LENGTH:
-        raise InputError(f"the name of {what} has {len(name)} characters, at most {MAX_NAME_LENGTH} are allowed")
+        raise InputError(
+            f"the name of {what} has {len(name)} characters, at most {MAX_NAME_LENGTH} are allowed"
+        )
 
 
 def check_emitted_name(name: str, what: str) -> None:

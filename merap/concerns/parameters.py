@@ -186,3 +186,9 @@ def constants(types: ParameterTypes, values: Values) -> dict[str, Fraction | boo
         if kind in EXPRESSION_KINDS and isinstance(value, bool | Fraction):
             readable[name] = value
     return readable
+
+
+def held_locations(values: Values, parameter: str) -> tuple[int, ...]:
+    """The locations a parameter of type location or locations holds; none if there is no such one."""
+    held: Any = values.get(parameter, ())
+    return held if isinstance(held, tuple) else (held,)

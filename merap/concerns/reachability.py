@@ -54,7 +54,7 @@ def leaves_goals_reachable(
         closed: bool [N, P].
         closed_edges: bool [N, P, L] or None.
     """
-    keep = ~closed[:, starts].any(axis=1)
+    keep: Bools = np.logical_not(closed[:, starts].any(axis=1))
     block = max(1, CELLS_PER_BLOCK // max(1, space.target.size))
     for first in range(0, len(closed), block):
         part = slice(first, first + block)

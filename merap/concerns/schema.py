@@ -37,7 +37,9 @@ class ChoiceSpec(Spec):
     )
     source: Any = Field(alias="from", description="locations, a box of cells, or a list of values")
     without: Locations = Field(alias="except", default=(), description="locations that are left out")
-    distinct: bool = Field(default=True, description="false: members may coincide, so fewer than choose remain")
+    distinct: bool = Field(
+        default=True, description="false: members may coincide, so fewer than choose remain"
+    )
 
 
 class GeneratedSpec(Spec):

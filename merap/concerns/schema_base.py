@@ -27,18 +27,19 @@ class Spec(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown_keys(cls, data: Any) -> Any:
+        known = [field.alias or name for name, field in cls.model_fields.items()]
         if not isinstance(data, Mapping):
-            raise wrong(f"expected a mapping with the keys {', '.join(cls.model_fields)}, got {shown(data)}")
+            raise wrong(f"expected a mapping with keys of {', '.join(known)}; got {shown(data)}")
         for key in data:
-            if key not in cls.model_fields:
-                raise wrong(f"unknown key {key!r}{suggestion(key, cls.model_fields)}", (key,))
+            if key not in known:
+                raise wrong(f"unknown key {key!r}{suggestion(key, known)}", (key,))
         return data
 
 
 def wrong(message: str, path: KeyPath = ()) -> PydanticCustomError:
     """An error for a validator to raise; `path` leads from the validated value to the wrong part."""
     text = message.replace("{", "(").replace("}", ")")
-    return PydanticCustomError("merap", text, {"path": path})  # type: ignore[arg-type]
+    return PydanticCustomError("merap", text, {"path": path})
 
 
 def shown(value: Any) -> str:
@@ -112,9 +113,7 @@ def _refs(values: tuple[Any, ...]) -> list[LocationRef]:
     refs = []
     for index, value in enumerate(values):
         if not (isinstance(value, str) or is_cell(value)):
-            raise wrong(
-                f"expected a location: a name, or [row, col] on a grid; got {shown(value)}", (index,)
-            )
+            raise wrong(f"expected a location: a name, or [row, col] on a grid; got {shown(value)}", (index,))
         refs.append(location_ref(value))
     return refs
 
@@ -193,7 +192,8 @@ def _settings(value: Any) -> tuple[Setting, ...]:
     if isinstance(value, tuple):
         return tuple(_setting(entry, index) for index, entry in enumerate(value))
     raise wrong(
-        f"expected a mapping of locations to values or a list of entries with at and value, got {shown(value)}"
+        "expected a mapping of locations to values, or a list of entries with at and value; "
+        f"got {shown(value)}"
     )
 
 

@@ -85,7 +85,10 @@ class SpaceSpec(Spec):
 
     @model_validator(mode="after")
     def _one_kind(self) -> SpaceSpec:
-        kinds = [key for key in ("grid", "locations", "file") if getattr(self, key) is not None]
+        if self.file is not None:
+            # A space that is nothing but `file` has been replaced by the file's content.
+            raise wrong("file stands alone in space, and the file it names has none", ("file",))
+        kinds = [key for key in ("grid", "locations") if getattr(self, key) is not None]
         if len(kinds) != 1:
             raise wrong(f"give exactly one of grid, locations and file, not {' and '.join(kinds) or 'none'}")
         if (self.edges is not None) != (self.locations is not None):

@@ -9,8 +9,9 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from merap.concerns.combination import Capability, Environment, Objective
 from merap.concerns.generation import Product
-from merap.concerns.parameters import Values
+from merap.concerns.parameters import Values, held_locations
 from merap.mdp.model import Ints
 
 Resolved = TypeVar("Resolved")
@@ -76,12 +77,12 @@ class Named:
 
     def first_with(self, parameter: str, location: int) -> int | None:
         """The index of a configuration whose `parameter` holds `location`; None if none does."""
-        holding = (i for i, values in enumerate(self.listed) if location in _held(values, parameter))
+        holding = (i for i, values in enumerate(self.listed) if location in held_locations(values, parameter))
         return next(holding, None)
 
     def locations(self, parameter: str) -> set[int]:
         """Every location that `parameter` holds in some configuration."""
-        return {location for values in self.listed for location in _held(values, parameter)}
+        return {location for values in self.listed for location in held_locations(values, parameter)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,22 +126,19 @@ class Generated:
         """The index of a configuration whose `parameter` holds `location`; None if none does."""
         if self.kept is None:
             return self.product.first_with(parameter, location)
-        holding = (i for i in range(self.count) if location in _held(self.values(i), parameter))
+        holding = (i for i in range(self.count) if location in held_locations(self.values(i), parameter))
         return next(holding, None)
 
     def locations(self, parameter: str) -> set[int]:
         """Every location that `parameter` holds in some configuration."""
         if self.kept is not None:
-            return {found for i in range(self.count) for found in _held(self.values(i), parameter)}
+            return {found for i in range(self.count) for found in held_locations(self.values(i), parameter)}
         return {
-            member for choice in self.product.choices if choice.parameter == parameter for member in choice.members
+            member
+            for choice in self.product.choices
+            if choice.parameter == parameter
+            for member in choice.members
         }
-
-
-def _held(values: Values, parameter: str) -> tuple[int, ...]:
-    """The locations a parameter of type location or locations holds."""
-    value = values[parameter]
-    return value if isinstance(value, tuple) else (int(value),)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,3 +192,12 @@ class Support(Generic[Resolved]):
     def index_of(self, values: Values) -> int | None:
         """The index of the configuration with these canonical values; None if there is none."""
         return self.configurations.index_of_values(values)
+
+
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """The configurations of each concern: N environments, M capabilities, K objectives."""
+
+    environment: Support[Environment]
+    capability: Support[Capability]
+    objective: Support[Objective]

@@ -18,7 +18,9 @@ from merap.concerns.combination import END, Combination, Condition, ExternalActi
 from merap.concerns.expressions import evaluate
 from merap.concerns.space import Space
 from merap.errors import InputError
+from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.assembly import Branches, assemble, reachable_states
+from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
 Scope = Mapping[str, npt.NDArray[Any]]
@@ -33,11 +35,16 @@ def synthesise(combination: Combination) -> TabularMDP:
     return attach(synthesise_pair(combination), combination)
 
 
-def synthesise_pair(combination: Combination) -> TabularMDP:
+def synthesise_pair(combination: Combination, starts: Bools | None = None) -> TabularMDP:
     """Environment and capability without objective: rules 1 to 3 on all of P x Q, no reward.
 
     Every state has the action `end` beside its own, so that none is without an action.
+
+    Args:
+        combination: whose objective gives no more than the start distribution.
+        starts: bool [P], start locations, equally likely, in place of that distribution.
     """
+    start = combination.objective.start if starts is None else starts / np.count_nonzero(starts)
     num_modes = len(combination.modes)
     num_states = combination.space.num_locations * num_modes
     everywhere = np.arange(num_states)
@@ -45,7 +52,7 @@ def synthesise_pair(combination: Combination) -> TabularMDP:
     parts = [idle, *_external(combination), *_innate(combination)]
     return assemble(
         Branches(*(np.concatenate(columns) for columns in zip(*parts, strict=True))),
-        initial=_initial(combination),
+        initial=_initial(combination, start),
         labels={},
         valuations=pair_valuations(combination),
         variable_names=(*combination.space.variable_names, "mode"),
@@ -61,9 +68,9 @@ def pair_valuations(combination: Combination) -> Ints:
     return np.column_stack([locations, modes])
 
 
-def _initial(combination: Combination) -> Floats:
+def _initial(combination: Combination, start: Floats) -> Floats:
     initial = np.zeros((combination.space.num_locations, len(combination.modes)))
-    initial[:, combination.capability.initial_mode] = combination.objective.start
+    initial[:, combination.capability.initial_mode] = start
     return initial.ravel()
 
 
@@ -125,9 +132,9 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     """Put the objective on a pair's arrays (rule 4), restricted to what is reachable.
 
     Args:
-        pair: the MDP of environment and capability on all of P x Q in canonical order, from
-            `synthesise_pair` or from Storm; every state reachable under this objective has
-            its rows. Its rewards and its action `end` are not used.
+        pair: the MDP of environment and capability in any numbering, from `synthesise_pair`
+            or from Storm, with every state that is reachable under this objective. Its
+            rewards and its action `end` are not used.
         combination: whose objective is attached.
 
     Returns:
@@ -138,8 +145,8 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     """
     complete = _complete_in(combination)
     branches = _with_objective(pair, combination, complete)
-    initial = np.zeros(2 * pair.num_states)
-    initial[0::2] = _initial(combination)
+    initial = np.zeros(2 * len(complete))
+    initial[0::2] = _initial(combination, combination.objective.start)
     labels = _labels(combination, complete)
     kept = reachable_states(branches.state, branches.target, initial)
     _require_an_action(combination, kept, branches)
@@ -155,15 +162,14 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
 
 def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools) -> Branches:
     end = combination.action_names.index(END)
-    state = pair.choice_state[pair.branch_choice]
-    action = pair.choice_action[pair.branch_choice]
+    state, action, target, prob = _in_canonical_order(pair, combination)
     keep = (action != end) & ~complete[state]
-    state, action, target, prob = state[keep], action[keep], pair.branch_target[keep], pair.branch_prob[keep]
+    state, action, target, prob = state[keep], action[keep], target[keep], prob[keep]
     step = _Step(combination, state, action, target)
     ended = np.zeros(len(state), dtype=np.int64)
     if combination.objective.ends_after is not None:
         ended = step.holds(combination.objective.ends_after).astype(np.int64)
-    closed = np.concatenate([2 * np.flatnonzero(complete), 2 * np.arange(pair.num_states) + 1])
+    closed = np.concatenate([2 * np.flatnonzero(complete), 2 * np.arange(len(complete)) + 1])
     return Branches(
         state=np.concatenate([2 * state, closed]),
         action=np.concatenate([action, np.full(len(closed), end)]),
@@ -171,6 +177,15 @@ def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools)
         prob=np.concatenate([prob, np.ones(len(closed))]),
         reward=np.concatenate([step.rewards(), np.zeros(len(closed))]),
     )
+
+
+def _in_canonical_order(pair: TabularMDP, combination: Combination) -> tuple[Ints, Ints, Ints, Floats]:
+    """A pair's branches as columns (state, action, target, probability), states as p * Q + q."""
+    variables = (*combination.space.variable_names, "mode")
+    index = match_rows(align_variables(pair, variables), pair_valuations(combination))
+    action = align_actions(pair, combination.action_names)[pair.choice_action]
+    state = index[pair.choice_state][pair.branch_choice]
+    return state, action[pair.branch_choice], index[pair.branch_target], pair.branch_prob
 
 
 def _renumbered(branches: Branches, kept: Bools) -> Branches:

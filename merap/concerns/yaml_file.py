@@ -8,7 +8,7 @@ truth values and null. Mappings become dicts, sequences tuples. What can go wron
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,7 +58,9 @@ class Document:
             mounted = self.mounts[str(path[0])]
             inner = mounted.error(path[1:], message)
             shown = existing_path(mounted.data, path[1:])
-            return InputError(message, source=mounted.source, line=inner.line, key=key_text((path[0], *shown)))
+            return InputError(
+                message, source=mounted.source, line=inner.line, key=key_text((path[0], *shown))
+            )
         shown = existing_path(self.data, path)
         return InputError(message, source=self.source, line=self._line(shown), key=key_text(shown) or None)
 
@@ -99,13 +101,16 @@ def key_text(path: KeyPath) -> str:
 def existing_path(data: Any, path: KeyPath) -> KeyPath:
     """The longest beginning of `path` that leads somewhere in `data`."""
     for length, part in enumerate(path):
-        if isinstance(data, Mapping) and part in data:
-            data = data[part]
-        elif isinstance(data, tuple) and isinstance(part, int) and part < len(data):
-            data = data[part]
-        else:
+        if not _has(data, part):
             return path[:length]
+        data = data[part]
     return path
+
+
+def _has(data: Any, part: str | int) -> bool:
+    if isinstance(data, Mapping):
+        return part in data
+    return isinstance(data, tuple) and isinstance(part, int) and part < len(data)
 
 
 def read_document(path: Path) -> Document:
@@ -218,14 +223,14 @@ class _Builder:
         return self.built[id(node)]
 
     def _value(self, node: Node) -> Any:
-        if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
+        tag = str(node.tag).removeprefix(_TAG)
+        if isinstance(node, MappingNode) and tag == "map":
             return self._mapping(node)
-        if isinstance(node, SequenceNode) and node.tag == f"{_TAG}seq":
+        if isinstance(node, SequenceNode) and tag == "seq":
             return tuple(self.build(child) for child in node.value)
-        if isinstance(node, ScalarNode) and node.tag.removeprefix(_TAG) in _SCALARS:
-            return self._scalar(node)
-        tag = node.tag.replace(_TAG, "!!")
-        raise self._error(node, f"the tag {tag} is not allowed; put text that looks like one in quotes")
+        if isinstance(node, ScalarNode) and tag in _SCALARS:
+            return self._scalar(node, _SCALARS[tag])
+        raise self._error(node, f"the YAML tag {tag} is not allowed; put text that looks like one in quotes")
 
     def _mapping(self, node: MappingNode) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
@@ -239,13 +244,15 @@ class _Builder:
             mapping[key] = self.build(value_node)
         return mapping
 
-    def _scalar(self, node: ScalarNode) -> Any:
+    def _scalar(self, node: ScalarNode, read: Callable[[str], Any]) -> Any:
         try:
-            value = _SCALARS[node.tag.removeprefix(_TAG)](node.value)
+            value = read(node.value)
         except (ValueError, KeyError, OverflowError) as error:
             raise self._error(node, f"{_shortened(node.value)!r} can't be read as a number") from error
         if isinstance(value, int | float) and (not math.isfinite(value) or abs(value) > MAX_NUMBER):
-            raise self._error(node, f"{_shortened(node.value)} is not a number of size at most {MAX_NUMBER:g}")
+            raise self._error(
+                node, f"{_shortened(node.value)} is not a number of size at most {MAX_NUMBER:g}"
+            )
         return value
 
     def _error(self, node: Node, message: str) -> InputError:
@@ -258,7 +265,7 @@ def _integer(text: str) -> int:
     return int(digits, 0) if prefixed else int(digits)
 
 
-_SCALARS = {
+_SCALARS: Mapping[str, Callable[[str], Any]] = {
     "str": str,
     "int": _integer,
     "float": lambda text: float(text.replace("_", "").replace(".inf", "inf").replace(".nan", "nan")),

@@ -1,0 +1,1 @@
+"""Offline meta-learning over a base of tabular MDPs."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from merap.errors import ModelError
+from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.matching import first_repeat, match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.segments import pointers_of
@@ -48,49 +51,24 @@ def canonicalise(
             among the canonical ones, or a complete state does anything but `end`.
     """
     complete = _complete_states(mdp, complete_label)
-    kept = mdp.reachable & ~complete
     _check_complete_states(mdp, complete)
-    num_rows = len(valuations) + 1
-    row = np.full(mdp.num_states, num_rows - 1)
+    kept = mdp.reachable & ~complete
+    row = np.full(mdp.num_states, len(valuations))
     row[kept] = _canonical_rows(mdp, kept, valuations, variable_names)
     action = _canonical_actions(mdp, kept, action_names)
-    return _assemble(mdp, kept, row, action, valuations, variable_names, action_names)
-
-
-def align_actions(mdp: TabularMDP, action_names: tuple[str, ...]) -> Ints:
-    """Where each action of a model stands among other names.
-
-    Args:
-        mdp: the model.
-        action_names: the names to find its actions in.
-
-    Returns:
-        int64 [A], an index into `action_names`; -1 for one that isn't there.
-    """
-    index = {name: position for position, name in enumerate(action_names)}
-    return np.array([index.get(name, -1) for name in mdp.action_names], dtype=np.int64)
-
-
-def align_variables(mdp: TabularMDP, variable_names: tuple[str, ...]) -> Ints:
-    """The valuations of a model with its columns in another order.
-
-    Args:
-        mdp: the model.
-        variable_names: the order that is wanted.
-
-    Returns:
-        int64 [S, len(variable_names)].
-
-    Raises:
-        ModelError: a variable exists only in one of both; names it.
-    """
-    for name in mdp.variable_names:
-        if name not in variable_names:
-            raise ModelError(f"variable {name!r} of the model is not one of {', '.join(variable_names)}")
-    for name in variable_names:
-        if name not in mdp.variable_names:
-            raise ModelError(f"the model has no variable {name!r}, only {', '.join(mdp.variable_names)}")
-    return mdp.valuations[:, [mdp.variable_names.index(name) for name in variable_names]]
+    choices = np.flatnonzero(kept[mdp.choice_state])
+    choices = choices[np.lexsort((action[choices], row[mdp.choice_state[choices]]))]
+    return TabularMDP(
+        **_transitions(mdp, choices, row, len(valuations)),
+        choice_action=np.append(action[choices], len(action_names)),
+        choice_reward=np.append(mdp.choice_reward[choices], 0.0),
+        initial=np.bincount(row, mdp.initial, minlength=len(valuations) + 1).astype(np.float64),
+        reachable=_marked(row[mdp.reachable], len(valuations) + 1),
+        labels=_canonical_labels(mdp, kept, row, complete_label, len(valuations)),
+        valuations=np.vstack((valuations, np.full((1, len(variable_names)), ABSORBING_VALUE))),
+        variable_names=variable_names,
+        action_names=(*action_names, END_ACTION),
+    )
 
 
 def _complete_states(mdp: TabularMDP, label: str | None) -> Bools:
@@ -122,9 +100,7 @@ def _check_complete_states(mdp: TabularMDP, complete: Bools) -> None:
         raise ModelError(f"{mdp.describe_choice(int(paid[0]))}: has reward {reward}, it must be 0")
 
 
-def _canonical_rows(
-    mdp: TabularMDP, kept: Bools, valuations: Ints, variable_names: tuple[str, ...]
-) -> Ints:
+def _canonical_rows(mdp: TabularMDP, kept: Bools, valuations: Ints, variable_names: tuple[str, ...]) -> Ints:
     """int64 [number of kept states], where each stands among the canonical valuations."""
     flagged = FLAG_VARIABLE in mdp.variable_names and FLAG_VARIABLE not in variable_names
     columns = align_variables(mdp, (*variable_names, FLAG_VARIABLE) if flagged else variable_names)
@@ -153,37 +129,58 @@ def _canonical_actions(mdp: TabularMDP, kept: Bools, action_names: tuple[str, ..
     return action
 
 
-def _assemble(
-    mdp: TabularMDP,
-    kept: Bools,
-    row: Ints,
-    action: Ints,
-    valuations: Ints,
-    variable_names: tuple[str, ...],
-    action_names: tuple[str, ...],
-) -> TabularMDP:
-    absorbing = len(valuations)
-    num_rows = absorbing + 1
-    choices = np.flatnonzero(kept[mdp.choice_state])
-    choices = choices[np.lexsort((action[choices], row[mdp.choice_state[choices]]))]
-    target, prob, branch_reward, lengths = _fold_branches(mdp, choices, row, num_rows)
-    initial = np.bincount(row, np.where(mdp.reachable, mdp.initial, 0.0), minlength=num_rows)
-    reachable = np.zeros(num_rows, dtype=np.bool_)
-    reachable[row[mdp.reachable]] = True
-    per_row = np.bincount(row[mdp.choice_state[choices]], minlength=num_rows)
+def _transitions(mdp: TabularMDP, choices: Ints, row: Ints, absorbing: int) -> dict[str, Any]:
+    """Pointers and branches over the canonical rows, `end` last.
+
+    Args:
+        mdp: the model.
+        choices: int64, the choices that are kept, by canonical row and action.
+        row: int64 [S], the canonical row of each state.
+        absorbing: the absorbing state's row, the last one.
+    """
+    place = np.full(mdp.num_choices, -1)
+    place[choices] = np.arange(len(choices))
+    branches = np.flatnonzero(place[mdp.branch_choice] >= 0)
+    key = place[mdp.branch_choice[branches]] * (absorbing + 1) + row[mdp.branch_target[branches]]
+    order = np.argsort(key, kind="stable")
+    branches, key = branches[order], key[order]
+    first = np.flatnonzero(np.diff(key, prepend=-1))
+    prob = _sums(mdp.branch_prob[branches], first)
+    per_row = np.bincount(row[mdp.choice_state[choices]], minlength=absorbing + 1)
     per_row[absorbing] = 1
-    return TabularMDP(
-        state_to_choice=pointers_of(per_row),
-        choice_to_branch=pointers_of(np.append(lengths, 1)),
-        branch_target=np.append(target, absorbing),
-        branch_prob=np.append(prob, 1.0),
-        choice_action=np.append(action[choices], len(action_names)),
-        choice_reward=np.append(mdp.choice_reward[choices], 0.0),
-        initial=initial,
-        reachable=reachable,
-        labels=_canonical_labels(mdp, kept, row, num_rows),
-        valuations=np.vstack((valuations, np.full((1, len(variable_names)), ABSORBING_VALUE))),
-        variable_names=variable_names,
-        action_names=(*action_names, END_ACTION),
-        branch_reward=None if branch_reward is None else np.append(branch_reward, 0.0),
-    )
+    per_choice = np.bincount(key[first] // (absorbing + 1), minlength=len(choices))
+    arrays = {
+        "state_to_choice": pointers_of(per_row),
+        "choice_to_branch": pointers_of(np.append(per_choice, 1)),
+        "branch_target": np.append(key[first] % (absorbing + 1), absorbing),
+        "branch_prob": np.append(prob, 1.0),
+    }
+    if mdp.branch_reward is not None:
+        earned = _sums(mdp.branch_prob[branches] * mdp.branch_reward[branches], first)
+        alone = np.diff(first, append=len(key)) == 1
+        mean = np.where(alone, mdp.branch_reward[branches[first]], earned / prob)
+        arrays["branch_reward"] = np.append(mean, 0.0)
+    return arrays
+
+
+def _sums(values: Floats, first: Ints) -> Floats:
+    """Sums of the runs of `values` that begin at `first`."""
+    sums: Floats = np.add.reduceat(values, first) if len(first) else np.zeros(0)
+    return sums
+
+
+def _canonical_labels(
+    mdp: TabularMDP, kept: Bools, row: Ints, complete_label: str | None, absorbing: int
+) -> dict[str, Bools]:
+    labels = {
+        name: _marked(row[kept & mask], absorbing + 1)
+        for name, mask in mdp.labels.items()
+        if name != complete_label
+    }
+    return {**labels, COMPLETE_LABEL: _marked(np.array([absorbing]), absorbing + 1)}
+
+
+def _marked(rows: Ints, size: int) -> Bools:
+    mask = np.zeros(size, dtype=np.bool_)
+    mask[rows] = True
+    return mask

@@ -1,0 +1,216 @@
+"""A case study: a space, the supports of three concerns, and systems that are met online."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from merap.concerns.checks import DistributionCheck
+from merap.concerns.combination import Capability, Combination, Environment
+from merap.concerns.frame import Frame
+from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
+from merap.concerns.names import suggestion
+from merap.concerns.resolve_space import resolve_space
+from merap.concerns.space import Space
+from merap.concerns.supports import Supports
+from merap.concerns.systems import SystemReader
+from merap.concerns.vocabulary import action_names, check_vocabulary, mode_names
+from merap.concerns.warnings import idle_rules, unused_parameters
+from merap.errors import InputError
+
+DEFAULT_LIMIT = 10_000
+_NAMES_TO_COMPARE = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class CaseStudy:
+    """A case file, resolved.
+
+    Attributes:
+        name: of the case.
+        source: the case file.
+        space: the locations, attributes at their defaults.
+        modes: Q names.
+        actions: A names: external, innate, `start_*`.
+        discount: of a step, in (0, 1].
+        supports: the configurations of each concern.
+        systems: name -> a system that is met online.
+        digest: hexadecimal SHA-256 of the case file and the space file.
+        warnings: what is allowed but probably not meant, one sentence each.
+        check_pair: refuses an environment and a capability that don't fit together.
+    """
+
+    name: str
+    source: Path
+    space: Space
+    modes: tuple[str, ...]
+    actions: tuple[str, ...]
+    discount: float
+    supports: Supports
+    systems: Mapping[str, Combination]
+    digest: str
+    warnings: tuple[str, ...]
+    check_pair: Callable[[Environment, Capability], None] = field(repr=False)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(N, M, K): how many environments, capabilities and objectives there are."""
+        supports = self.supports
+        return supports.environment.count, supports.capability.count, supports.objective.count
+
+    @property
+    def size(self) -> int:
+        """N * M * K, the number of combinations."""
+        environments, capabilities, objectives = self.shape
+        return environments * capabilities * objectives
+
+    def combinations(self, limit: int = DEFAULT_LIMIT) -> Iterator[Combination]:
+        """All combinations, environment first, objective last and fastest.
+
+        Raises:
+            InputError: there are more than `limit`.
+        """
+        if self.size > limit:
+            raise InputError(
+                f"{self.name} has {self.size} combinations, "
+                f"too many to enumerate (limit {limit}); draw a sample",
+                source=str(self.source),
+            )
+        return (self.combination_at(index) for index in range(self.size))
+
+    def combination_at(self, index: int) -> Combination:
+        """The combination at `index` in the order of `combinations`.
+
+        Raises:
+            InputError: it can't be resolved.
+        """
+        _, capabilities, objectives = self.shape
+        rest, objective = divmod(index, objectives)
+        environment, capability = divmod(rest, capabilities)
+        return self.combine(environment, capability, objective)
+
+    def combine(self, environment: int, capability: int, objective: int) -> Combination:
+        """The combination of three configurations, by their indices.
+
+        Raises:
+            InputError: a configuration can't be resolved, or a distribution does not sum to 1.
+        """
+        parts = (
+            self.supports.environment[environment],
+            self.supports.capability[capability],
+            self.supports.objective[objective],
+        )
+        self.check_pair(parts[0], parts[1])
+        name = ".".join(part.name for part in parts)
+        return Combination(
+            name, self.space, self.modes, self.actions, *parts, discount=self.discount, digest=self.digest
+        )
+
+    def sample(self, count: int, generator: np.random.Generator) -> list[Combination]:
+        """Distinct combinations in random order, each set of `count` equally likely.
+
+        All of them, shuffled, if there are no more than `count`.
+        """
+        if self.size <= 2 * count:
+            return [self.combination_at(int(index)) for index in generator.permutation(self.size)[:count]]
+        drawn: dict[tuple[int, int, int], None] = {}
+        while len(drawn) < count:
+            columns = [generator.integers(size, size=count).tolist() for size in self.shape]
+            drawn.update(dict.fromkeys(zip(*columns, strict=True)))
+        return [self.combine(*indices) for indices in list(drawn)[:count]]
+
+    def combination(self, name: str) -> Combination:
+        """The combination called `<environment>.<capability>.<objective>`.
+
+        Raises:
+            InputError: there is none; names what is near.
+        """
+        indices = self._indices(name)
+        if indices is None:
+            raise InputError(
+                f"{self.name} has no combination {name!r}{suggestion(name, self._known_names())}",
+                source=str(self.source),
+            )
+        return self.combine(*indices)
+
+    def _indices(self, name: str) -> tuple[int, int, int] | None:
+        parts = name.split(".")
+        if len(parts) != 3:
+            return None
+        supports = self.supports
+        environment = supports.environment.index(parts[0])
+        capability = supports.capability.index(parts[1])
+        objective = supports.objective.index(parts[2])
+        if environment is None or capability is None or objective is None:
+            return None
+        return environment, capability, objective
+
+    def _known_names(self) -> list[str]:
+        supports = (self.supports.environment, self.supports.capability, self.supports.objective)
+        environments, capabilities, objectives = (islice(support.names(), 50) for support in supports)
+        listed = [list(capabilities), list(objectives)]
+        names = (f"{e}.{c}.{o}" for e in environments for c in listed[0] for o in listed[1])
+        return [*self.systems, *islice(names, _NAMES_TO_COMPARE)]
+
+    def system(self, name: str) -> Combination:
+        """The online system called `name`, or the combination.
+
+        Raises:
+            InputError: there is neither; names what is near.
+        """
+        if name in self.systems:
+            return self.systems[name]
+        if self._indices(name) is not None:
+            return self.combination(name)
+        raise InputError(
+            f"{self.name} has no system {name!r}{suggestion(name, self._known_names())}",
+            source=str(self.source),
+        )
+
+    def covered(self, combination: Combination) -> bool:
+        """Whether `combination` is in the support: its configurations, its start and its horizon."""
+        indices = self._indices(
+            f"{combination.environment.name}.{combination.capability.name}.{combination.objective.name}"
+        )
+        if indices is None:
+            return False
+        declared = self.supports.objective[indices[2]]
+        same_start = np.array_equal(declared.start, combination.objective.start)
+        return same_start and declared.horizon == combination.objective.horizon
+
+
+def load_case(path: str | Path) -> CaseStudy:
+    """Load a case file, or `case.yaml` of a folder.
+
+    Raises:
+        InputError: one clear line with file, line and key.
+    """
+    file, document, spec = read_case(Path(path))
+    space = resolve_space(document, spec.space)
+    check_vocabulary(document, spec, space)
+    frame = Frame(document, space, mode_names(spec.capability), action_names(spec.capability))
+    resolvers = make_resolvers(frame, spec)
+    supports = make_supports(frame, spec, resolvers)
+    check_pair = DistributionCheck(frame)
+    check_at_load(supports, check_pair)
+    read_system = SystemReader(frame, spec, supports, resolvers, check_pair, digest(document))
+    return CaseStudy(
+        name=spec.case,
+        source=file,
+        space=space,
+        modes=frame.modes,
+        actions=frame.actions,
+        discount=spec.discount,
+        supports=supports,
+        systems={name: read_system(name, system) for name, system in spec.online.items()},
+        digest=digest(document),
+        warnings=(
+            *unused_parameters(spec, resolvers),
+            *idle_rules(frame, supports.capability, resolvers.objective),
+        ),
+        check_pair=check_pair,
+    )

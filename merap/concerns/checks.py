@@ -1,0 +1,158 @@
+"""Checks across concerns: the distributions of external actions, and where episodes start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
+from merap.concerns.expressions import Constant, evaluate, variables
+from merap.concerns.frame import Frame
+from merap.concerns.space import Attribute
+from merap.concerns.supports import Configurations
+from merap.concerns.yaml_file import KeyPath
+from merap.errors import InputError
+from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class DistributionCheck:
+    """Refuses external actions whose outcomes are no distribution somewhere.
+
+    Call it with an environment and a capability; pairs that agree on all that matters are
+    checked once. Whether a move is blocked depends on the pair, so both cases are checked:
+    primes read the target of the intended edge, or the own location.
+    """
+
+    frame: Frame
+    _checked: dict[Any, None] = field(default_factory=dict)
+
+    def __call__(self, environment: Environment, capability: Capability) -> None:
+        """Check one pair.
+
+        Raises:
+            InputError: names action, location, mode and configurations.
+        """
+        terminal = capability.innate.terminal if capability.innate else None
+        key = (id(environment.attributes), capability.external, terminal)
+        if key in self._checked:
+            return
+        modes = np.flatnonzero(capability.terminal(len(self.frame.modes)))
+        for action in capability.external:
+            for steps in _steps(self.frame, environment.attributes, action, modes):
+                self._check_action(environment, capability, action, steps)
+        self._checked[key] = None
+
+    def _check_action(
+        self, environment: Environment, capability: Capability, action: ExternalAction, steps: _Steps
+    ) -> None:
+        pair = f"(environment {environment.name}, capability {capability.name})"
+        total = np.zeros(len(steps.here))
+        for outcome in action.outcomes:
+            with self.frame.document.at("capability", "actions", action.name):
+                found = evaluate(outcome.probability, steps.scope)
+            prob = np.broadcast_to(found, total.shape).astype(np.float64)
+            outside = np.flatnonzero(~((prob >= -ROW_SUM_TOLERANCE) & (prob <= 1 + ROW_SUM_TOLERANCE)))
+            if len(outside):
+                problem = f"an outcome has the probability {prob[outside[0]]:.10g}, not in [0, 1],"
+                raise self._error(action, steps, int(outside[0]), problem, pair)
+            total += prob
+        off = np.flatnonzero(~(np.abs(total - 1) <= ROW_SUM_TOLERANCE))
+        if len(off):
+            problem = f"the probabilities sum to {total[off[0]]:.10g}, not 1,"
+            raise self._error(action, steps, int(off[0]), problem, pair)
+
+    def _error(self, action: ExternalAction, steps: _Steps, step: int, problem: str, pair: str) -> InputError:
+        location = self.frame.space.locations[steps.here[step]]
+        mode = self.frame.modes[steps.mode[step]]
+        return self.frame.document.error(
+            ("capability", "actions", action.name),
+            f"action {action.name}: {problem} at location {location} in mode {mode} {pair}",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """B steps: where they begin, in which mode, and what expressions read there."""
+
+    here: Ints
+    mode: Ints
+    scope: Mapping[str, npt.NDArray[Any]]
+
+
+def _steps(
+    frame: Frame, attributes: tuple[Attribute, ...], action: ExternalAction, modes: Ints
+) -> Iterator[_Steps]:
+    if all(isinstance(outcome.probability, Constant) for outcome in action.outcomes):
+        yield _Steps(np.zeros(1, dtype=np.int64), modes[:1], {})
+        return
+    here = np.repeat(np.arange(frame.space.num_locations), len(modes))
+    mode = np.tile(modes, frame.space.num_locations)
+    yield _Steps(here, mode, _scope(attributes, here, here, mode))
+    move = action.outcomes[0].move
+    if move is not None and _reads_successor(action):
+        exists = frame.space.target[here, move] >= 0
+        here, mode = here[exists], mode[exists]
+        yield _Steps(here, mode, _scope(attributes, here, frame.space.target[here, move], mode))
+
+
+def _reads_successor(action: ExternalAction) -> bool:
+    read = [variable.name for outcome in action.outcomes for variable in variables(outcome.probability)]
+    return any(name.endswith("'") for name in read)
+
+
+def _scope(
+    attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints
+) -> dict[str, npt.NDArray[Any]]:
+    scope: dict[str, npt.NDArray[Any]] = {"mode": mode}
+    for attribute in attributes:
+        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
+        scope[attribute.name] = values[here]
+        scope[f"{attribute.name}'"] = values[there]
+    return scope
+
+
+def check_starts(
+    frame: Frame, concern: str, configurations: Configurations, parameter: str, starts: set[int]
+) -> None:
+    """Refuse configurations in which a start location is closed.
+
+    Args:
+        frame: what the case has in common.
+        concern: `environment` or `capability`.
+        configurations: of that concern.
+        parameter: its parameter that closes locations.
+        starts: indices of the locations where some objective starts.
+
+    Raises:
+        InputError: names the location and a configuration.
+    """
+    what = "is blocked" if concern == "environment" else "can't be entered"
+    for start in sorted(starts):
+        offending = configurations.first_with(parameter, start)
+        if offending is not None:
+            name = configurations.name(offending)
+            raise frame.document.error(
+                (concern, "configurations", name, parameter),
+                f"the start location {frame.space.locations[start]} {what} ({concern} {name}); "
+                "leave it out (generated configurations: with except)",
+            )
+
+
+def check_system_start(frame: Frame, path: KeyPath, system: Combination) -> None:
+    """Refuse an online system whose start is closed.
+
+    Raises:
+        InputError: names the location.
+    """
+    for closed, what in (
+        (system.environment.blocked, "is blocked"),
+        (system.capability.no_entry, "can't be entered"),
+    ):
+        bad = np.flatnonzero((system.objective.start > 0) & closed)
+        if len(bad):
+            raise frame.document.error(path, f"the start location {frame.space.locations[bad[0]]} {what}")

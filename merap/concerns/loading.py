@@ -1,0 +1,155 @@
+"""The steps from a case file to the supports of a case study."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from merap.concerns.checks import DistributionCheck, check_starts
+from merap.concerns.configurations import read_configurations
+from merap.concerns.frame import Frame
+from merap.concerns.parameters import Values, find_location
+from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
+from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
+from merap.concerns.resolve_objective import GOAL, ObjectiveResolver
+from merap.concerns.resolvers import Resolvers
+from merap.concerns.schema import CaseSpec, ObjectiveSpec
+from merap.concerns.supports import Configurations, Support, Supports
+from merap.concerns.validation import validate
+from merap.concerns.yaml_file import Document, read_document
+from merap.errors import InputError
+from merap.mdp.model import Bools
+
+CASE_FILE = "case.yaml"
+# Configurations of a concern that are resolved and checked when the case is loaded; the
+# remaining ones of a larger support are checked when they are asked for.
+CHECKED_AT_LOAD = 1000
+CHECKED_PAIRS = 10_000
+REMEMBERED_CELLS = 50_000_000
+
+
+def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
+    """The case file, its content and the schema's view of it.
+
+    Raises:
+        InputError: it can't be read or does not fit the schema.
+    """
+    file = _case_file(path)
+    document = _with_space_file(read_document(file), file)
+    return file, document, validate(document)
+
+
+def _case_file(path: Path) -> Path:
+    try:
+        return path / CASE_FILE if path.is_dir() else path
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", source=str(path)) from error
+
+
+def _with_space_file(document: Document, file: Path) -> Document:
+    space = document.data.get("space")
+    if not isinstance(space, dict) or set(space) != {"file"} or not isinstance(space["file"], str):
+        return document
+    with document.at("space", "file"):
+        return document.with_mount("space", read_document(file.parent / space["file"]))
+
+
+def digest(document: Document) -> str:
+    """Hexadecimal SHA-256 of the case file and the space file."""
+    running = hashlib.sha256(document.content)
+    for mounted in document.mounts.values():
+        running.update(mounted.content)
+    return running.hexdigest()
+
+
+def make_resolvers(frame: Frame, spec: CaseSpec) -> Resolvers:
+    """Compile the expressions of the three concerns.
+
+    Raises:
+        InputError: an expression, label, mode or action is wrong.
+    """
+    return Resolvers(
+        EnvironmentResolver(frame, spec.environment),
+        CapabilityResolver(frame, spec.capability),
+        ObjectiveResolver(frame, spec.objective),
+    )
+
+
+def make_supports(frame: Frame, spec: CaseSpec, resolvers: Resolvers) -> Supports:
+    """The configurations of the three concerns; none closes a start location.
+
+    Raises:
+        InputError: a concern is empty, a value not allowed or a start closed.
+    """
+    # Environments come last: `require_reachable` asks for the starts and goals of the objectives.
+    objectives = read_configurations(
+        frame, "objective", spec.objective.parameters, spec.objective.configurations
+    )
+    capabilities = read_configurations(
+        frame, "capability", spec.capability.parameters, spec.capability.configurations
+    )
+    starts = _starts(frame, spec.objective, objectives)
+    environments = read_configurations(
+        frame,
+        "environment",
+        spec.environment.parameters,
+        spec.environment.configurations,
+        _reachability(spec.objective, objectives, starts, resolvers.environment),
+    )
+    if BLOCKED in spec.environment.parameters:
+        check_starts(frame, "environment", environments, BLOCKED, starts)
+    if NO_ENTRY in spec.capability.parameters:
+        check_starts(frame, "capability", capabilities, NO_ENTRY, starts)
+    capacity = max(100, REMEMBERED_CELLS // frame.space.num_locations)
+    return Supports(
+        Support(environments, resolvers.environment, capacity),
+        Support(capabilities, resolvers.capability, capacity),
+        Support(objectives, resolvers.objective, capacity),
+    )
+
+
+def _starts(frame: Frame, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
+    """Every location where some objective may start."""
+    starts: set[int] = set()
+    for point in spec.start:
+        with frame.document.at("objective", "start"):
+            if isinstance(point.at, str) and point.at in spec.parameters:
+                frame.require_location(point.at, spec.parameters)
+                found = objectives.locations(point.at)
+            else:
+                found = {find_location(point.at, frame.space)}
+        starts |= found if point.probability > 0 else set()
+    return starts
+
+
+def _reachability(
+    spec: ObjectiveSpec, objectives: Configurations, starts: set[int], resolver: EnvironmentResolver
+) -> Callable[[Sequence[Values]], Bools]:
+    goals = objectives.locations(GOAL) if GOAL in spec.parameters else set()
+    return partial(
+        resolver.leaves_goals_reachable,
+        np.array(sorted(starts), dtype=np.int64),
+        np.array(sorted(goals), dtype=np.int64),
+    )
+
+
+def check_at_load(supports: Supports, check_pair: DistributionCheck) -> None:
+    """Resolve and check the first configurations of each concern: all of a small support.
+
+    Raises:
+        InputError: a configuration can't be resolved, or a distribution does not sum to 1.
+    """
+    environments = list(islice(supports.environment, CHECKED_AT_LOAD))
+    capabilities = list(islice(supports.capability, CHECKED_AT_LOAD))
+    deque(islice(supports.objective, CHECKED_AT_LOAD), maxlen=0)  # resolving an objective checks it
+    # One environment stands for all that have the same attributes.
+    distinct = list({id(environment.attributes): environment for environment in environments}.values())
+    pairs = ((environment, capability) for environment in distinct for capability in capabilities)
+    for environment, capability in islice(pairs, CHECKED_PAIRS):
+        check_pair(environment, capability)

@@ -1,0 +1,226 @@
+"""From a configuration of the capability to a `Capability`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
+from merap.concerns.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
+from merap.concerns.frame import Frame, expression_kinds
+from merap.concerns.names import suggestion
+from merap.concerns.parameters import Values, constants, held_locations, present_all
+from merap.concerns.schema import CapabilitySpec
+from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec
+from merap.concerns.yaml_file import KeyPath
+from merap.errors import InputError
+from merap.mdp.model import ROW_SUM_TOLERANCE
+
+NO_ENTRY = "no_entry"
+ONE = Constant(Fraction(1))
+
+
+@dataclass(frozen=True, eq=False)
+class ActionTemplate:
+    """An external action before parameters are put in."""
+
+    name: str
+    requires: Expression
+    on_blocked: Any
+    outcomes: tuple[tuple[KeyPath, int | None, Expression], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class InnateTemplate:
+    """The automaton before parameters are put in; modes are indices."""
+
+    requires: Expression
+    entry: int
+    initial: int
+    terminal: frozenset[int]
+    restart: bool
+    actions: Mapping[str, Mapping[int, Mapping[int, Expression]]]
+
+
+class CapabilityResolver:
+    """Makes capabilities from parameter values; call it with a name and values.
+
+    Raises:
+        InputError: an expression is wrong, or a label or mode unknown.
+    """
+
+    def __init__(self, frame: Frame, spec: CapabilitySpec) -> None:
+        self.frame = frame
+        self.spec = spec
+        self.kinds = expression_kinds(spec.parameters)
+        self.actions = tuple(self._action(name, entry) for name, entry in spec.actions.items())
+        self.innate = self._innate(spec.innate) if spec.innate is not None else None
+
+    def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
+        path = ("capability", "actions", name)
+        kinds = {**self.kinds, **self.frame.variable_kinds(primed=("attributes",))}
+        requires = self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool")
+        if spec.stay is not None:
+            outcomes: tuple[tuple[KeyPath, int | None, Expression], ...] = ((path, None, ONE),)
+        elif spec.outcomes is not None:
+            outcomes = tuple(
+                (
+                    (*path, "outcomes", index),
+                    self._move((*path, "outcomes", index, "move"), outcome.move),
+                    self.frame.compile(
+                        (*path, "outcomes", index, "probability"), outcome.probability, kinds, "number"
+                    ),
+                )
+                for index, outcome in enumerate(spec.outcomes)
+            )
+        else:
+            assert spec.move is not None
+            given = 1 if spec.probability is None else spec.probability
+            probability = self.frame.compile((*path, "probability"), given, kinds, "number")
+            move = self._move((*path, "move"), spec.move)
+            otherwise = self._move((*path, "otherwise"), spec.otherwise or STAY)
+            complement = Operation("-", (ONE, probability))
+            outcomes = ((path, move, probability), (path, otherwise, complement))
+        return ActionTemplate(name, requires, spec.on_blocked, outcomes)
+
+    def _move(self, path: KeyPath, label: str) -> int | None:
+        if label == STAY:
+            return None
+        moves = self.frame.space.moves
+        if label not in moves:
+            raise self.frame.document.error(
+                path, f"unknown edge label {label!r}{suggestion(label, (*moves, STAY))}"
+            )
+        return moves.index(label)
+
+    def _innate(self, spec: InnateSpec) -> InnateTemplate:
+        path = ("capability", "innate")
+        terminal = frozenset(
+            self._mode((*path, "terminal", index), name)
+            for index, name in enumerate(spec.terminal or spec.modes)
+        )
+        return InnateTemplate(
+            requires=self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool"),
+            entry=self._mode((*path, "entry"), spec.entry or spec.modes[0]),
+            initial=self._mode((*path, "initial"), spec.initial or spec.modes[0]),
+            terminal=terminal,
+            restart=len(terminal) < len(spec.modes) if spec.restart is None else spec.restart,
+            actions={
+                action: {
+                    self._mode((*path, "actions", action, mode), mode): {
+                        self._mode((*path, "actions", action, mode, target), target): self.frame.compile(
+                            (*path, "actions", action, mode, target), probability, self.kinds, "number"
+                        )
+                        for target, probability in row.items()
+                    }
+                    for mode, row in rows.items()
+                }
+                for action, rows in spec.actions.items()
+            },
+        )
+
+    def _mode(self, path: KeyPath, name: str) -> int:
+        if name not in self.frame.modes:
+            raise self.frame.document.error(
+                path, f"unknown mode {name!r}{suggestion(name, self.frame.modes)}"
+            )
+        return self.frame.modes.index(name)
+
+    def __call__(self, name: str, values: Values) -> Capability:
+        """The capability called `name`.
+
+        Raises:
+            InputError: the parameters make an expression undefined or a distribution wrong.
+        """
+        known = {**self.frame.mode_constants, **constants(self.spec.parameters, values)}
+        external = [self._fold_action(template, name, known) for template in self.actions]
+        return Capability(
+            name=name,
+            parameters=present_all(self.spec.parameters, values, self.frame.space),
+            no_entry=self.frame.mask(held_locations(values, NO_ENTRY)),
+            external=tuple(action for action in external if action is not None),
+            innate=self._fold_innate(name, known),
+        )
+
+    def _fold(
+        self, path: KeyPath, name: str, expression: Expression, known: Mapping[str, Value]
+    ) -> Expression:
+        try:
+            return fold(expression, known)
+        except InputError as error:
+            raise self.frame.document.error(path, f"{error.message} (capability {name})") from error
+
+    def _holds(self, path: KeyPath, name: str, expression: Expression, known: Mapping[str, Value]) -> bool:
+        folded = self._fold((*path, "requires"), name, expression, known)
+        return isinstance(folded, Constant) and bool(folded.value)
+
+    def _fold_action(
+        self, template: ActionTemplate, name: str, known: Mapping[str, Value]
+    ) -> ExternalAction | None:
+        if not self._holds(("capability", "actions", template.name), name, template.requires, known):
+            return None
+        outcomes = [
+            Outcome(move, self._fold(path, name, probability, known))
+            for path, move, probability in template.outcomes
+        ]
+        # The first outcome says what is intended, so it stays even if it is impossible.
+        likely = [outcome for outcome in outcomes[1:] if outcome.probability != Constant(Fraction(0))]
+        return ExternalAction(template.name, (outcomes[0], *likely), template.on_blocked)
+
+    def _fold_innate(self, name: str, known: Mapping[str, Value]) -> Innate | None:
+        template, spec = self.innate, self.spec.innate
+        if template is None or spec is None:
+            return None
+        if not self._holds(("capability", "innate"), name, template.requires, known):
+            return None
+        actions = tuple(
+            InnateAction(
+                action,
+                {mode: self._fold_row(action, mode, row, name, known) for mode, row in rows.items()},
+            )
+            for action, rows in template.actions.items()
+        )
+        return Innate(
+            spec.name, template.entry, template.initial, template.terminal, template.restart, actions
+        )
+
+    def _fold_row(
+        self, action: str, mode: int, row: Mapping[int, Expression], name: str, known: Mapping[str, Value]
+    ) -> dict[int, Fraction]:
+        path = ("capability", "innate", "actions", action, self.frame.modes[mode])
+        folded: dict[int, Fraction] = {}
+        for target, expression in row.items():
+            place = (*path, self.frame.modes[target])
+            value = self._fold(place, name, expression, known)
+            assert isinstance(value, Constant)
+            probability = Fraction(value.value)
+            if not 0 <= probability <= 1:
+                raise self.frame.document.error(
+                    place, f"the probability {float(probability):g} is not in [0, 1] (capability {name})"
+                )
+            if probability > 0:
+                folded[target] = probability
+        total = sum(folded.values(), Fraction(0))
+        if abs(float(total) - 1) > ROW_SUM_TOLERANCE:
+            raise self.frame.document.error(
+                path, f"the probabilities of {action} sum to {float(total):g}, not 1 (capability {name})"
+            )
+        return folded
+
+    def names_read(self) -> set[str]:
+        """Names of the parameters that expressions read."""
+        found = [template.requires for template in self.actions]
+        found += [probability for template in self.actions for _, _, probability in template.outcomes]
+        if self.innate is not None:
+            found.append(self.innate.requires)
+            rows = [row for rows in self.innate.actions.values() for row in rows.values()]
+            found += [expression for row in rows for expression in row.values()]
+        return names_in(found)
+
+
+def names_in(expressions: list[Expression]) -> set[str]:
+    """Names of the variables in some expressions, without primes."""
+    read: list[Variable] = [variable for expression in expressions for variable in variables(expression)]
+    return {variable.name.removesuffix("'") for variable in read}

@@ -1,0 +1,123 @@
+"""From a configuration of the environment to an `Environment`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+
+from merap.concerns.combination import Environment
+from merap.concerns.frame import Frame, frozen
+from merap.concerns.names import suggestion
+from merap.concerns.parameters import Edge, ParameterValue, Values, held_locations, present_all
+from merap.concerns.reachability import leaves_goals_reachable
+from merap.concerns.resolve_space import apply_settings
+from merap.concerns.schema import EnvironmentSpec
+from merap.concerns.schema_base import Box
+from merap.concerns.space import Attribute
+from merap.mdp.model import Bools, Ints
+
+BLOCKED = "blocked"
+BLOCKED_EDGES = "blocked_edges"
+
+
+@dataclass(frozen=True, eq=False)
+class EnvironmentResolver:
+    """Makes environments from parameter values; call it with a name and values."""
+
+    frame: Frame
+    spec: EnvironmentSpec
+    _known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        known = [attribute.name for attribute in self.frame.space.attributes]
+        for name in self.spec.attributes:
+            if name not in known:
+                raise self.frame.document.error(
+                    ("environment", "attributes", name),
+                    f"unknown attribute {name!r}{suggestion(name, known)}",
+                )
+
+    def __call__(self, name: str, values: Values) -> Environment:
+        """The environment called `name`.
+
+        Raises:
+            InputError: a value that a parameter puts into an attribute is not allowed.
+        """
+        return Environment(
+            name=name,
+            parameters=present_all(self.spec.parameters, values, self.frame.space),
+            blocked=self.frame.mask(held_locations(values, BLOCKED)),
+            blocked_edges=self._blocked_edges(values),
+            attributes=self._attributes(values),
+        )
+
+    def _blocked_edges(self, values: Values) -> Bools:
+        edges: tuple[Edge, ...] = values.get(BLOCKED_EDGES, ())  # type: ignore[assignment]
+        if not edges:
+            return self._no_edges
+        mask = np.zeros_like(self._no_edges)
+        mask[tuple(np.array(edges).T)] = True
+        return frozen(mask)
+
+    @cached_property
+    def _no_edges(self) -> Bools:
+        return frozen(np.zeros(self.frame.space.target.shape, dtype=np.bool_))
+
+    def _attributes(self, values: Values) -> tuple[Attribute, ...]:
+        """Shared by all configurations that agree on what the attributes read."""
+        key = tuple(values[name] for name in sorted(self.names_read()))
+        if key not in self._known_attributes:
+            self._known_attributes[key] = self._set_attributes(values)
+        return self._known_attributes[key]
+
+    def _set_attributes(self, values: Values) -> tuple[Attribute, ...]:
+        if not self.spec.attributes:
+            return self.frame.space.attributes
+        types = self.spec.parameters
+        numbers = {
+            name: float(value) if isinstance(value, Fraction) else value
+            for name, value in values.items()
+            if isinstance(value, Fraction | bool)
+        }
+        return tuple(
+            apply_settings(
+                self.frame.document,
+                ("environment", "attributes", attribute.name),
+                attribute,
+                self.spec.attributes.get(attribute.name, ()),
+                find=lambda refs: self.frame.select(refs, types, values),
+                parameters=numbers,
+            )
+            for attribute in self.frame.space.attributes
+        )
+
+    def names_read(self) -> set[str]:
+        """Names of the parameters that the attributes read."""
+        settings = [setting for entry in self.spec.attributes.values() for setting in entry]
+        read = {setting.value for setting in settings if isinstance(setting.value, str)}
+        places = [setting.at for setting in settings if not isinstance(setting.at, Box)]
+        read |= {ref for refs in places for ref in refs if isinstance(ref, str)}
+        return read & set(self.spec.parameters)
+
+    def leaves_goals_reachable(self, starts: Ints, goals: Ints, listed: Sequence[Values]) -> Bools:
+        """bool [N]: which of N values leave every goal reachable from every start.
+
+        Args:
+            starts: indices of locations.
+            goals: indices of locations.
+            listed: N values of the parameters.
+        """
+        closed = np.zeros((len(listed), self.frame.space.num_locations), dtype=np.bool_)
+        held = [held_locations(values, BLOCKED) for values in listed]
+        rows = np.repeat(np.arange(len(listed)), [len(locations) for locations in held])
+        closed[rows, np.array([location for locations in held for location in locations], dtype=np.int64)] = (
+            True
+        )
+        edges = None
+        if BLOCKED_EDGES in self.spec.parameters:
+            edges = np.stack([self._blocked_edges(values) for values in listed])
+        return leaves_goals_reachable(self.frame.space, starts, goals, closed, edges)

@@ -1,0 +1,189 @@
+"""From a configuration of the objective to an `Objective`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.concerns.combination import Condition, Objective, RewardRule
+from merap.concerns.expressions import Expression, Kind, Value, fold
+from merap.concerns.frame import Frame, expression_kinds
+from merap.concerns.names import check_name, suggestion
+from merap.concerns.parameters import Values, constants, held_locations, present_all
+from merap.concerns.resolve_capability import names_in
+from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
+from merap.concerns.schema_base import Box, LocationSet
+from merap.concerns.yaml_file import KeyPath
+from merap.errors import InputError
+from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
+
+GOAL = "goal"
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionTemplate:
+    """A condition before parameters are put in."""
+
+    path: KeyPath
+    at: LocationSet | None
+    to: LocationSet | None
+    modes: Bools | None
+    to_modes: Bools | None
+    actions: frozenset[str] | None
+    where: Expression | None
+
+
+class ObjectiveResolver:
+    """Makes objectives from parameter values; call it with a name and values.
+
+    Raises:
+        InputError: an expression is wrong, or a mode or action unknown.
+    """
+
+    def __init__(self, frame: Frame, spec: ObjectiveSpec) -> None:
+        self.frame = frame
+        self.spec = spec
+        self.kinds = expression_kinds(spec.parameters)
+        states = {**self.kinds, **frame.variable_kinds()}
+        steps = {**self.kinds, **frame.variable_kinds(primed=("attributes", "mode"))}
+        self.rules = tuple(
+            (
+                self._template(("objective", "rewards", index), rule, steps),
+                frame.compile(("objective", "rewards", index, "value"), rule.value, steps, "number"),
+            )
+            for index, rule in enumerate(spec.rewards)
+        )
+        self.ends_after = self._optional("ends_after", spec.ends_after, states)
+        self.ends_in = self._optional("ends_in", spec.ends_in, states)
+        self.unsafe = self._optional("unsafe", spec.unsafe, states)
+        for name in spec.properties:
+            with frame.document.at("objective", "properties", name):
+                check_name(name, "a property")
+
+    def _optional(
+        self, key: str, spec: PredicateSpec | None, kinds: Mapping[str, Kind]
+    ) -> ConditionTemplate | None:
+        return None if spec is None else self._template(("objective", key), spec, kinds)
+
+    def _template(self, path: KeyPath, spec: PredicateSpec, kinds: Mapping[str, Kind]) -> ConditionTemplate:
+        frame = self.frame
+        to, to_mode = (spec.to, spec.to_mode) if isinstance(spec, RewardSpec) else (None, None)
+        return ConditionTemplate(
+            path=path,
+            at=spec.at,
+            to=to,
+            modes=frame.mode_mask((*path, "mode"), spec.mode),
+            to_modes=frame.mode_mask((*path, "to_mode"), to_mode),
+            actions=self._actions((*path, "action"), spec.action) if isinstance(spec, EndSpec) else None,
+            where=None if spec.where is None else frame.compile((*path, "where"), spec.where, kinds, "bool"),
+        )
+
+    def _actions(self, path: KeyPath, names: tuple[str, ...] | None) -> frozenset[str] | None:
+        if names is None:
+            return None
+        for name in names:
+            if name not in self.frame.actions:
+                raise self.frame.document.error(
+                    path, f"unknown action {name!r}{suggestion(name, self.frame.actions)}"
+                )
+        return frozenset(names)
+
+    def __call__(
+        self,
+        name: str,
+        values: Values,
+        start: tuple[KeyPath, tuple[StartPoint, ...]] | None = None,
+        horizon: int | None = None,
+    ) -> Objective:
+        """The objective called `name`.
+
+        Args:
+            name: of the configuration.
+            values: of its parameters.
+            start: in place of the declared one, with its place in the file.
+            horizon: in place of the declared one.
+
+        Raises:
+            InputError: a location is unknown, or an expression undefined.
+        """
+        known = {**self.frame.mode_constants, **constants(self.spec.parameters, values)}
+        path, points = start or (("objective", "start"), self.spec.start)
+        return Objective(
+            name=name,
+            parameters=present_all(self.spec.parameters, values, self.frame.space),
+            start=self._start(path, points, values),
+            horizon=horizon or self.spec.horizon,
+            goal=self.frame.mask(held_locations(values, GOAL)),
+            rules=tuple(
+                RewardRule(
+                    self._condition(template, name, values, known), self._fold(template, name, value, known)
+                )
+                for template, value in self.rules
+            ),
+            ends_after=self._condition_or_none(self.ends_after, name, values, known),
+            ends_in=self._condition_or_none(self.ends_in, name, values, known),
+            unsafe=self._condition_or_none(self.unsafe, name, values, known),
+            properties=dict(self.spec.properties),
+        )
+
+    def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
+        start = np.zeros(self.frame.space.num_locations)
+        for number, point in enumerate(points):
+            with self.frame.document.at(*path, number):
+                indices = self.frame.select((point.at,), self.spec.parameters, values)
+                if len(indices) != 1:
+                    raise InputError(f"{point.at!r} holds {len(indices)} locations, a start point is one")
+                start[indices[0]] += point.probability
+        if abs(start.sum() - 1) > ROW_SUM_TOLERANCE:
+            raise self.frame.document.error(path, f"the start distribution sums to {start.sum():g}, not 1")
+        start.flags.writeable = False
+        return start
+
+    def _fold(
+        self, template: ConditionTemplate, name: str, expression: Expression, known: Mapping[str, Value]
+    ) -> Expression:
+        try:
+            return fold(expression, known)
+        except InputError as error:
+            raise self.frame.document.error(template.path, f"{error.message} (objective {name})") from error
+
+    def _condition_or_none(
+        self, template: ConditionTemplate | None, name: str, values: Values, known: Mapping[str, Value]
+    ) -> Condition | None:
+        return None if template is None else self._condition(template, name, values, known)
+
+    def _condition(
+        self, template: ConditionTemplate, name: str, values: Values, known: Mapping[str, Value]
+    ) -> Condition:
+        where = template.where
+        return Condition(
+            at=self._places((*template.path, "at"), template.at, values),
+            modes=template.modes,
+            actions=template.actions,
+            to=self._places((*template.path, "to"), template.to, values),
+            to_modes=template.to_modes,
+            where=None if where is None else self._fold(template, name, where, known),
+        )
+
+    def _places(self, path: KeyPath, refs: LocationSet | None, values: Values) -> Bools | None:
+        if refs is None:
+            return None
+        with self.frame.document.at(*path):
+            return self.frame.mask(self.frame.select(refs, self.spec.parameters, values))
+
+    @property
+    def templates(self) -> list[ConditionTemplate]:
+        """Every condition, those of the rewards first."""
+        ends = [self.ends_after, self.ends_in, self.unsafe]
+        return [template for template, _ in self.rules] + [end for end in ends if end is not None]
+
+    def names_read(self) -> set[str]:
+        """Names of the parameters that expressions, locations or the start read."""
+        found = [value for _, value in self.rules]
+        found += [template.where for template in self.templates if template.where is not None]
+        places = [refs for template in self.templates for refs in (template.at, template.to)]
+        listed = [ref for refs in places if refs is not None and not isinstance(refs, Box) for ref in refs]
+        listed += [point.at for point in self.spec.start]
+        return names_in(found) | {ref for ref in listed if isinstance(ref, str)}

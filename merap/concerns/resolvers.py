@@ -1,0 +1,18 @@
+"""What makes the configurations of the three concerns, together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from merap.concerns.resolve_capability import CapabilityResolver
+from merap.concerns.resolve_environment import EnvironmentResolver
+from merap.concerns.resolve_objective import ObjectiveResolver
+
+
+@dataclass(frozen=True, eq=False)
+class Resolvers:
+    """What makes the configurations of each concern."""
+
+    environment: EnvironmentResolver
+    capability: CapabilityResolver
+    objective: ObjectiveResolver

@@ -1,0 +1,108 @@
+"""From the `online` part of the case file to combinations that are met."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, TypeVar
+
+from merap.concerns.checks import DistributionCheck, check_system_start
+from merap.concerns.combination import Combination, Objective
+from merap.concerns.configurations import read_values
+from merap.concerns.frame import Frame
+from merap.concerns.names import suggestion
+from merap.concerns.parameters import ParameterTypes, Values
+from merap.concerns.resolvers import Resolvers
+from merap.concerns.schema import CaseSpec, SystemSpec
+from merap.concerns.supports import Support, Supports
+from merap.concerns.yaml_file import KeyPath
+
+Resolved = TypeVar("Resolved")
+
+
+@dataclass(frozen=True, eq=False)
+class SystemReader:
+    """Makes online systems; values that equal a configuration take its name."""
+
+    frame: Frame
+    spec: CaseSpec
+    supports: Supports
+    resolvers: Resolvers
+    check_pair: DistributionCheck
+    digest: str
+
+    def __call__(self, name: str, spec: SystemSpec) -> Combination:
+        """The online system called `name`.
+
+        Raises:
+            InputError: a configuration, parameter or location is unknown, or the start is closed.
+        """
+        self._check_name(name)
+        environment = self._concern(name, "environment", self.supports.environment, spec.environment)
+        capability = self._concern(name, "capability", self.supports.capability, spec.capability)
+        path = ("online", name)
+        system = Combination(
+            name=name,
+            space=self.frame.space,
+            modes=self.frame.modes,
+            actions=self.frame.actions,
+            environment=environment,
+            capability=capability,
+            objective=self._objective(name, spec),
+            discount=self.spec.discount,
+            digest=self.digest,
+        )
+        self.check_pair(environment, capability)
+        check_system_start(self.frame, path, system)
+        return system
+
+    def _check_name(self, name: str) -> None:
+        """A configuration of the same name would be mistaken for the system's own one."""
+        supports: tuple[Support[Any], ...] = (
+            self.supports.environment,
+            self.supports.capability,
+            self.supports.objective,
+        )
+        if any(support.index(name) is not None for support in supports):
+            raise self.frame.document.error(
+                ("online", name), f"duplicate name {name!r}: a configuration is called so too"
+            )
+
+    def _concern(
+        self, system: str, concern: str, support: Support[Resolved], given: str | Mapping[str, Any] | None
+    ) -> Resolved:
+        found = self._find(system, concern, support, given)
+        return support[found] if isinstance(found, int) else support.resolve(system, found)
+
+    def _objective(self, system: str, spec: SystemSpec) -> Objective:
+        support = self.supports.objective
+        found = self._find(system, "objective", support, spec.objective)
+        name, values = system, found
+        if isinstance(found, int):
+            name, values = support.name(found), support.configurations.values(found)
+        assert not isinstance(values, int)
+        start = None if spec.start is None else (("online", system, "start"), spec.start)
+        return self.resolvers.objective(name, values, start, spec.horizon)
+
+    def _find(
+        self, system: str, concern: str, support: Support[Any], given: str | Mapping[str, Any] | None
+    ) -> int | Values:
+        """The index of the configuration, or values that no configuration has."""
+        path: KeyPath = ("online", system, concern)
+        if given is None:
+            if support.count == 1:
+                return 0
+            raise self.frame.document.error(
+                path, f"key {concern!r} is missing, and {concern} has {support.count} configurations"
+            )
+        if isinstance(given, str):
+            index = support.index(given)
+            if index is None:
+                near = suggestion(given, islice(support.names(), 1000))
+                raise self.frame.document.error(path, f"unknown configuration {given!r} of {concern}{near}")
+            return index
+        types: ParameterTypes = getattr(self.spec, concern).parameters
+        values = read_values(self.frame, path, types, given)
+        index = support.index_of(values)
+        return values if index is None else index

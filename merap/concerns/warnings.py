@@ -1,0 +1,79 @@
+"""What is allowed in a case file but probably not meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from merap.concerns.combination import Capability
+from merap.concerns.frame import Frame
+from merap.concerns.resolve_capability import NO_ENTRY
+from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
+from merap.concerns.resolve_objective import GOAL, ConditionTemplate, ObjectiveResolver
+from merap.concerns.resolvers import Resolvers
+from merap.concerns.schema import CaseSpec
+from merap.concerns.supports import Support
+from merap.concerns.yaml_file import key_text
+
+# Capabilities of a large support that are looked at for what they lack.
+LOOKED_AT = 1000
+
+
+def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
+    """A sentence for every parameter that nothing reads."""
+    for concern, types, read in (
+        (
+            "environment",
+            spec.environment.parameters,
+            {BLOCKED, BLOCKED_EDGES} | resolvers.environment.names_read(),
+        ),
+        ("capability", spec.capability.parameters, {NO_ENTRY} | resolvers.capability.names_read()),
+        ("objective", spec.objective.parameters, {GOAL} | resolvers.objective.names_read()),
+    ):
+        for name in types:
+            if name not in read:
+                yield f"{concern}.parameters.{name}: nothing reads this parameter"
+
+
+def idle_rules(
+    frame: Frame, capabilities: Support[Capability], resolver: ObjectiveResolver, limit: int = LOOKED_AT
+) -> Iterator[str]:
+    """A sentence for every rule that names a mode or action which a capability lacks.
+
+    Args:
+        frame: what the case has in common.
+        capabilities: the first `limit` of them are looked at.
+        resolver: knows the rules.
+        limit: how many to look at.
+    """
+    lacked: dict[str, str] = {}
+    for capability in islice(capabilities, limit):
+        present = vocabulary(frame, capability)
+        for name in (*frame.actions, *frame.modes):
+            if name not in present:
+                lacked.setdefault(name, capability.name)
+    for template in resolver.templates:
+        for name in sorted(_named(frame, template) & lacked.keys()):
+            yield (
+                f"{key_text(template.path)}: names {name!r}, which capability {lacked[name]} lacks: "
+                "it never matches there"
+            )
+
+
+def vocabulary(frame: Frame, capability: Capability) -> set[str]:
+    """Names of the actions and modes that a capability has."""
+    names = {action.name for action in capability.external}
+    if capability.innate is None:
+        return names | {frame.modes[0]}
+    names |= {*frame.modes, *(action.name for action in capability.innate.actions)}
+    return names | {capability.innate.start_action} if capability.innate.restart else names
+
+
+def _named(frame: Frame, template: ConditionTemplate) -> set[str]:
+    names = set(template.actions or ())
+    for mask in (template.modes, template.to_modes):
+        if mask is not None:
+            names |= {frame.modes[mode] for mode in np.flatnonzero(mask)}
+    return names

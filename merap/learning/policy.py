@@ -1,0 +1,155 @@
+"""Stochastic policies as pure functions of a dictionary of parameters.
+
+A policy is a multilayer perceptron from an observation of the state to one logit per
+action. Parameters may carry a leading axis N: one set for each task.
+
+Axes: N tasks, S states, A actions, V variables, F features.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+Parameters = dict[str, Tensor]
+Activation = Literal["relu", "tanh", "softplus"]
+
+# Finite, because 0 * inf is NaN in the backward pass; exp of it is 0 next to any logit.
+_DISABLED_LOGIT = -1e9
+
+_ACTIVATIONS: Mapping[Activation, Callable[[Tensor], Tensor]] = {
+    "relu": torch.relu,
+    "tanh": torch.tanh,
+    "softplus": torch.nn.functional.softplus,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyNetwork:
+    """The shape of a policy; its parameters stand beside it.
+
+    Attributes:
+        num_states: S.
+        num_actions: A.
+        hidden: sizes of the hidden layers.
+        activation: between the layers.
+        features: float [S, F], the observation of each state; None observes the state
+            itself, one-hot.
+    """
+
+    num_states: int
+    num_actions: int
+    hidden: tuple[int, ...] = (32, 32)
+    activation: Activation = "relu"
+    features: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        assert self.features is None or self.features.shape[0] == self.num_states, self.num_states
+
+    @property
+    def layer_sizes(self) -> tuple[int, ...]:
+        """Observation, hidden layers, actions."""
+        observed = self.num_states if self.features is None else self.features.shape[1]
+        return (observed, *self.hidden, self.num_actions)
+
+
+def initial_parameters(
+    network: PolicyNetwork, generator: torch.Generator, dtype: torch.dtype = torch.float32
+) -> Parameters:
+    """Random weights, uniform after Glorot and Bengio (2010, eq. 16), and biases of 0.
+
+    Returns:
+        `layer<i>.weight` float [inputs, outputs] and `layer<i>.bias` float [outputs].
+    """
+    parameters: Parameters = {}
+    sizes = network.layer_sizes
+    for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
+        bound = math.sqrt(6 / (inputs + outputs))
+        uniform = torch.rand(inputs, outputs, generator=generator, dtype=dtype)
+        parameters[f"layer{layer}.weight"] = bound * (2 * uniform - 1)
+        parameters[f"layer{layer}.bias"] = torch.zeros(outputs, dtype=dtype)
+    return parameters
+
+
+def action_logits(network: PolicyNetwork, parameters: Parameters, states: Tensor | None = None) -> Tensor:
+    """Logits of all actions, of disabled ones too.
+
+    Args:
+        network: the policy's shape.
+        parameters: as `initial_parameters` makes them, maybe with a leading axis N.
+        states: int64 [M], the states to evaluate; None for all of them in order.
+
+    Returns:
+        float [..., M, A], `...` the leading axes of the parameters.
+    """
+    activate = _ACTIVATIONS[network.activation]
+    signal = _first_layer(network, parameters, states)
+    for layer in range(1, len(network.layer_sizes) - 1):
+        signal = activate(signal) @ parameters[f"layer{layer}.weight"]
+        signal = signal + parameters[f"layer{layer}.bias"].unsqueeze(-2)
+    return signal
+
+
+def _first_layer(network: PolicyNetwork, parameters: Parameters, states: Tensor | None) -> Tensor:
+    """A one-hot observation times the weight is a row of the weight."""
+    weight = parameters["layer0.weight"]
+    if network.features is None:
+        signal = weight if states is None else weight.index_select(-2, states)
+    else:
+        signal = (network.features if states is None else network.features[states]) @ weight
+    return signal + parameters["layer0.bias"].unsqueeze(-2)
+
+
+def log_policy(logits: Tensor, enabled: Tensor) -> Tensor:
+    """Log-probabilities of the actions, over the enabled ones.
+
+    Args:
+        logits: float [..., A].
+        enabled: bool [..., A], broadcast against `logits`.
+
+    Returns:
+        float [..., A]; about -1e9 for a disabled action. A row without an enabled action is
+        finite too, and means nothing.
+    """
+    return torch.log_softmax(torch.where(enabled, logits, _DISABLED_LOGIT), dim=-1)
+
+
+def policy_table(network: PolicyNetwork, parameters: Parameters, enabled: Tensor) -> Tensor:
+    """Action probabilities in every state.
+
+    Args:
+        network: the policy's shape.
+        parameters: its parameters, maybe with a leading axis N.
+        enabled: bool [..., S, A].
+
+    Returns:
+        float [..., S, A], rows sum to 1, those without an enabled action to 0.
+    """
+    return log_policy(action_logits(network, parameters), enabled).exp() * enabled
+
+
+def explore(probabilities: Tensor, enabled: Tensor, exploration: float) -> Tensor:
+    """Mix a policy with the uniform one over the enabled actions.
+
+    Args:
+        probabilities: float [..., S, A].
+        enabled: bool [..., S, A].
+        exploration: weight of the uniform policy, in [0, 1].
+
+    Returns:
+        float [..., S, A].
+    """
+    if exploration == 0:
+        return probabilities
+    uniform = enabled / enabled.sum(dim=-1, keepdim=True).clamp_min(1)
+    return torch.lerp(probabilities, uniform.to(probabilities.dtype).expand_as(probabilities), exploration)
+
+
+def stack_parameters(parameters: Parameters, copies: int) -> Parameters:
+    """The same parameters for each of N tasks: views [N, ...] of [...]."""
+    return {name: value.expand(copies, *value.shape) for name, value in parameters.items()}

@@ -1,0 +1,137 @@
+"""How much two models of a case differ: `eq:diff` of the paper.
+
+The equation sums over all (s, a, s'). What a model does not define counts as zero there: a
+choice it does not have has T = 0 and r = 0, and so has a successor of probability 0. Both
+terms are then squared Euclidean distances of vectors, each sees all choices of either model,
+and 0 means the same model.
+
+Rewards per branch are compared where all models at hand have them. Where one knows only its
+expected rewards, as everything that comes from Storm does, r(s, a) is compared instead, once
+for each (s, a); the two kinds of number must not be mixed in one ranking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from merap.errors import ModelError
+from merap.mdp.model import Floats, TabularMDP
+
+
+@dataclass(frozen=True)
+class Difference:
+    """`eq:diff` between two models, and its terms.
+
+    Attributes:
+        total: w1 * transition + w2 * reward.
+        transition: sum of (T_R(s, a, s') - T_i(s, a, s'))^2.
+        reward: sum of (r_R - r_i)^2 over (s, a, s'), or over (s, a).
+        per_branch: whether rewards are those of (s, a, s').
+    """
+
+    total: float
+    transition: float
+    reward: float
+    per_branch: bool
+
+
+def model_difference(system: TabularMDP, model: TabularMDP, w1: float = 1.0, w2: float = 1.0) -> Difference:
+    """The difference of one model from the system.
+
+    Args:
+        system: M_R, on the canonical index of a case.
+        model: M_i, on the same index.
+        w1: weight of the transition term.
+        w2: weight of the reward term.
+
+    Raises:
+        ModelError: the models are not on one index.
+    """
+    per_branch = system.branch_reward is not None and model.branch_reward is not None
+    return _difference(system, model, w1, w2, per_branch=per_branch)
+
+
+def differences(
+    system: TabularMDP, models: Mapping[str, TabularMDP], w1: float = 1.0, w2: float = 1.0
+) -> dict[str, Difference]:
+    """The difference of each model from the system, all with the same kind of reward.
+
+    Args:
+        system: M_R, on the canonical index of a case.
+        models: name -> M_i, on the same index.
+        w1: weight of the transition term.
+        w2: weight of the reward term.
+
+    Raises:
+        ModelError: the models are not on one index.
+    """
+    per_branch = all(one.branch_reward is not None for one in (system, *models.values()))
+    return {name: _difference(system, model, w1, w2, per_branch=per_branch) for name, model in models.items()}
+
+
+def nearest(
+    system: TabularMDP, models: Mapping[str, TabularMDP], w1: float = 1.0, w2: float = 1.0
+) -> tuple[str, Difference]:
+    """The model that differs least from the system, the minimum in `eq:diff`.
+
+    Args:
+        system: M_R, on the canonical index of a case.
+        models: name -> M_i, at least one; of equally near ones the first.
+        w1: weight of the transition term.
+        w2: weight of the reward term.
+
+    Raises:
+        ModelError: the models are not on one index.
+    """
+    of_models = differences(system, models, w1, w2)
+    name = min(of_models, key=lambda candidate: of_models[candidate].total)
+    return name, of_models[name]
+
+
+def _difference(
+    system: TabularMDP, model: TabularMDP, w1: float, w2: float, *, per_branch: bool
+) -> Difference:
+    _check_one_index(system, model)
+    transition = _squared_distance(
+        _of_branches(system, system.branch_prob), _of_branches(model, model.branch_prob)
+    )
+    if per_branch and system.branch_reward is not None and model.branch_reward is not None:
+        reward = _squared_distance(
+            _of_branches(system, system.branch_reward), _of_branches(model, model.branch_reward)
+        )
+    else:
+        reward = _squared_distance(_of_choices(system), _of_choices(model))
+    return Difference(w1 * transition + w2 * reward, transition, reward, per_branch)
+
+
+def _check_one_index(system: TabularMDP, model: TabularMDP) -> None:
+    for name in ("variable_names", "action_names"):
+        if getattr(system, name) != getattr(model, name):
+            raise ModelError(
+                f"the models are not on one index: {name} are {', '.join(getattr(system, name))} "
+                f"and {', '.join(getattr(model, name))}"
+            )
+    if not np.array_equal(system.valuations, model.valuations):
+        raise ModelError("the models are not on one index: their states differ")
+
+
+def _of_branches(mdp: TabularMDP, values: Floats) -> csr_array:
+    """float64 [S * A, S] sparse, a value per (s, a, s')."""
+    row = (mdp.choice_state * mdp.num_actions + mdp.choice_action)[mdp.branch_choice]
+    shape = (mdp.num_states * mdp.num_actions, mdp.num_states)
+    return csr_array((values, (row, mdp.branch_target)), shape=shape)
+
+
+def _of_choices(mdp: TabularMDP) -> csr_array:
+    """float64 [S, A] sparse, the expected reward per (s, a)."""
+    shape = (mdp.num_states, mdp.num_actions)
+    return csr_array((mdp.choice_reward, (mdp.choice_state, mdp.choice_action)), shape=shape)
+
+
+def _squared_distance(one: csr_array, other: csr_array) -> float:
+    deviation = (one - other).tocsr().data
+    return float(deviation @ deviation)

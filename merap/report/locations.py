@@ -1,0 +1,194 @@
+"""Draw the locations of a map and what a combination says about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.patches import Circle, Patch, Rectangle
+
+from merap.concerns.combination import Combination
+from merap.concerns.expressions import evaluate
+from merap.concerns.space import Space
+from merap.concerns.synthesis import scope_of_pairs
+from merap.mdp.model import Bools, Floats
+from merap.report.colouring import Colouring
+from merap.report.frame import Frame, name_sizes
+from merap.report.geometry import EdgeLines
+from merap.report.labels import place_labels
+from merap.report.style import (
+    GREEN,
+    INK,
+    LEGEND_MARK,
+    PALE,
+    PURPLE,
+    SKY_BLUE,
+    WALL,
+    YELLOW,
+    Entry,
+    heading,
+    mark,
+    write,
+)
+
+_POINTS_PER_EDGE = 25
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A marker on a location.
+
+    Attributes:
+        marker: of matplotlib.
+        colour: of its face, `none` for an outline.
+        edge: colour of its outline.
+        size: in diameters of the location.
+        width: of the outline, in diameters of the location.
+        z: what has a higher one covers it; circles have 3.
+        shift: of the centre to the right and upwards, in radii.
+    """
+
+    marker: str
+    colour: str
+    edge: str
+    size: float
+    width: float
+    z: float
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+_CROSS = Layer("x", "white", "white", 0.45, 0.09, 4)
+_BAR = Layer("_", "white", "white", 0.6, 0.16, 4)
+_ON_GRAPH = {
+    "start": (Layer("s", SKY_BLUE, INK, 1.5, 0.05, 2),),
+    "goal": (Layer("*", GREEN, INK, 2.3, 0.05, 2),),
+    "blocked (environment)": (Layer("o", WALL, INK, 1.0, 0.05, 3.5), _CROSS),
+    "no entry (capability)": (Layer("o", PURPLE, INK, 1.0, 0.05, 3.6), _BAR),
+    "unsafe": (Layer("^", YELLOW, INK, 0.6, 0.07, 4, (0.8, 0.8)),),
+}
+_ON_GRID = {
+    "start": (Layer("s", "none", SKY_BLUE, 0.78, 0.11, 3.5),),
+    "goal": (Layer("*", GREEN, INK, 0.66, 0.03, 3.6),),
+    "blocked (environment)": (Layer("s", WALL, WALL, 0.9, 0.0, 3.5), _CROSS),
+    "no entry (capability)": (Layer("s", PURPLE, PURPLE, 0.9, 0.0, 3.6), _BAR),
+    "unsafe": (Layer("^", YELLOW, INK, 0.28, 0.03, 4, (0.58, 0.58)),),
+}
+
+
+def draw_locations(axes: Axes, frame: Frame, combination: Combination, colouring: Colouring) -> list[Entry]:
+    """Locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
+    _draw_faces(axes, frame, combination.space, colouring)
+    masks = {
+        "start": combination.objective.start > 0,
+        "goal": combination.objective.goal,
+        "blocked (environment)": combination.environment.blocked,
+        "no entry (capability)": combination.capability.no_entry,
+        "unsafe": unsafe_locations(combination),
+    }
+    styles = _ON_GRID if frame.is_grid else _ON_GRAPH
+    entries = [heading("Locations")]
+    for meaning, mask in masks.items():
+        if mask.any():
+            _draw_mark(axes, frame, combination.space.positions[mask], styles[meaning], meaning)
+            entries.append(_entry(styles[meaning], meaning))
+    return entries
+
+
+def unsafe_locations(combination: Combination) -> Bools:
+    """bool [P]: the objective calls a state there unsafe, in some mode."""
+    num_locations, num_modes = combination.space.num_locations, len(combination.modes)
+    condition = combination.objective.unsafe
+    unsafe = np.full((num_locations, num_modes), condition is not None)
+    if condition is None:
+        return unsafe[:, 0]
+    if condition.at is not None:
+        unsafe &= condition.at[:, None]
+    if condition.modes is not None:
+        unsafe &= condition.modes
+    if condition.where is not None:
+        holds = evaluate(condition.where, scope_of_pairs(combination)).astype(np.bool_)
+        unsafe &= np.broadcast_to(holds, unsafe.size).reshape(unsafe.shape)
+    return unsafe.any(axis=1)
+
+
+def _draw_faces(axes: Axes, frame: Frame, space: Space, colouring: Colouring) -> None:
+    edge = PALE if frame.is_grid else INK
+    for mask, hatch in ((~colouring.dotted, None), (colouring.dotted, "....")):
+        shapes = [_shape(frame, position) for position in space.positions[mask]]
+        # The hatch takes its colour from the edge where none is given.
+        collection = PatchCollection(
+            shapes, facecolors=colouring.face[mask], edgecolors=edge, linewidths=1.0, hatch=hatch, zorder=3
+        )
+        collection.set_gid("locations")
+        axes.add_collection(collection)
+
+
+def _shape(frame: Frame, position: Floats) -> Patch:
+    x, y = position
+    if frame.is_grid:
+        return Rectangle((x - frame.radius, y - frame.radius), 2 * frame.radius, 2 * frame.radius)
+    return Circle((x, y), frame.radius)
+
+
+def _draw_mark(axes: Axes, frame: Frame, positions: Floats, layers: tuple[Layer, ...], meaning: str) -> None:
+    diameter = 2 * frame.radius_in_points
+    for layer in layers:
+        points = positions + np.array(layer.shift) * frame.radius
+        axes.plot(
+            points[:, 0],
+            points[:, 1],
+            linestyle="none",
+            marker=layer.marker,
+            markersize=layer.size * diameter,
+            markerfacecolor=layer.colour,
+            markeredgecolor=layer.edge,
+            markeredgewidth=layer.width * diameter,
+            zorder=layer.z,
+            gid=meaning,
+        )
+
+
+def _entry(layers: tuple[Layer, ...], meaning: str) -> Entry:
+    largest = max(layer.size for layer in layers)
+    marks = []
+    for layer in layers:
+        size = layer.size / largest
+        thick = mark(layer.marker, layer.colour, edge=layer.edge, size=size)
+        thick.set_markeredgewidth(layer.width / largest * LEGEND_MARK)
+        marks.append(thick)
+    return tuple(marks), meaning
+
+
+def draw_names(axes: Axes, frame: Frame, space: Space, lines: EdgeLines) -> None:
+    """The names beside their locations; on a grid rows and columns are numbered instead."""
+    if frame.is_grid:
+        _number_cells(axes, space)
+        return
+    if frame.name_size == 0:
+        return
+    sizes = name_sizes(space.locations, frame.name_size)
+    steps = np.linspace(0, 1, _POINTS_PER_EDGE)[:, None, None]
+    pieces = [np.stack([line[:-1], line[1:]]) for line in lines.lines]
+    first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
+    points = ((1 - steps) * first + steps * second).reshape(-1, 2)
+    # A mark may be larger than the circle, so names keep a distance.
+    radii = np.full(space.num_locations, 1.25 * frame.radius * frame.scale)
+    places = place_labels(space.positions * frame.scale, radii, sizes, points * frame.scale) / frame.scale
+    for name, (x, y) in zip(space.locations, places, strict=True):
+        write(axes, x, y, name, size=frame.name_size)
+
+
+def _number_cells(axes: Axes, space: Space) -> None:
+    assert space.shape is not None
+    rows, columns = space.shape
+    grid = space.positions.reshape(rows, columns, 2)
+    every = 1 if max(rows, columns) <= 30 else 10
+    axes.set_xticks(grid[0, ::every, 0], [str(column) for column in range(0, columns, every)])
+    axes.set_yticks(grid[::every, 0, 1], [str(row) for row in range(0, rows, every)])
+    axes.tick_params(length=0, labelsize=8, labelcolor=INK, pad=2)
+    axes.xaxis.tick_top()
+    axes.xaxis.set_label_position("top")
+    axes.set_xlabel("column", fontsize=8, color=INK, labelpad=2)
+    axes.set_ylabel("row", fontsize=8, color=INK, labelpad=2)

@@ -1,0 +1,166 @@
+"""Draw a policy on a map: the likeliest action at each location, in each mode that can move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba_array
+
+from merap.concerns.combination import Combination
+from merap.errors import ModelError
+from merap.mdp.model import Floats, Ints
+from merap.report.frame import Frame
+from merap.report.geometry import EdgeLines, arrows, right_of, unit
+from merap.report.style import INK, ORANGE, SKY_BLUE, Entry, heading, mark
+
+# Faces of the arrows of the first, second, ... mode; all have a dark outline.
+_FACES = (INK, "#FFFFFF", ORANGE, SKY_BLUE)
+_STAY, _INNATE = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """The likeliest action at each location in one mode.
+
+    Attributes:
+        label: int64 [P], the edge label it is meant to move along; -1 stays, -2 is innate.
+        prob: float64 [P], how likely it is; 0 where the policy says nothing.
+    """
+
+    label: Ints
+    prob: Floats
+
+
+def likeliest_moves(combination: Combination, policy: Floats, mode: int) -> Moves:
+    """What a policy most probably does at each location in a mode.
+
+    Args:
+        combination: declares locations, modes and actions.
+        policy: float [S, A] on the canonical index: row p * Q + q, columns the declared actions;
+            what comes after these (the completed state, the action `end`) is not looked at.
+        mode: index q.
+
+    Raises:
+        ModelError: the policy has another shape.
+    """
+    num_locations, num_modes = combination.space.num_locations, len(combination.modes)
+    size, num_actions = num_locations * num_modes, len(combination.actions)
+    fits = policy.ndim == 2 and policy.shape[0] - size in (0, 1) and policy.shape[1] - num_actions in (0, 1)
+    if not fits:
+        raise ModelError(
+            f"the policy has shape {policy.shape}, not that of the canonical index, {(size + 1, num_actions + 1)}"
+        )
+    rows = policy[:size, :num_actions].reshape(num_locations, num_modes, num_actions)[:, mode]
+    intended = np.full(num_actions, _INNATE)
+    for action in combination.capability.external:
+        move = action.outcomes[0].move
+        intended[combination.actions.index(action.name)] = _STAY if move is None else move
+    return Moves(intended[rows.argmax(axis=1)], rows.max(axis=1))
+
+
+def draw_policy(
+    axes: Axes, frame: Frame, lines: EdgeLines, combination: Combination, policy: Floats
+) -> list[Entry]:
+    """An arrow for a move, a square for staying, a diamond for an innate action.
+
+    Each terminal mode has arrows of its own, the initial mode first; the paler and thinner, the
+    less likely. Where nobody can be there is nothing.
+
+    Raises:
+        ModelError: the policy has another shape.
+    """
+    terminal = np.flatnonzero(combination.capability.terminal(len(combination.modes)))
+    initial = combination.capability.initial_mode
+    modes = sorted(terminal.tolist(), key=lambda mode: (mode != initial, mode))
+    entries = [heading("Policy (paler: less likely)")]
+    for slot, mode in enumerate(modes):
+        face = _FACES[slot % len(_FACES)]
+        side = slot - (len(modes) - 1) / 2
+        moves = likeliest_moves(combination, policy, mode)
+        _draw_mode(axes, frame, lines, combination, moves, face, side)
+        suffix = f" in mode {combination.modes[mode]}" if len(combination.modes) > 1 else ""
+        shapes = {">": "moves", "s": "stays", "D": "innate action"}
+        present = _present(moves)
+        entries += [
+            ((mark(shape, face, edge=INK, size=0.65),), f"{meaning}{suffix}")
+            for shape, meaning in shapes.items()
+            if shape in present
+        ]
+    return entries
+
+
+def _present(moves: Moves) -> set[str]:
+    labels = moves.label[moves.prob > 0]
+    found = {">": labels >= 0, "s": labels == _STAY, "D": labels == _INNATE}
+    return {shape for shape, mask in found.items() if mask.any()}
+
+
+def _draw_mode(
+    axes: Axes,
+    frame: Frame,
+    lines: EdgeLines,
+    combination: Combination,
+    moves: Moves,
+    face: str,
+    side: float,
+) -> None:
+    closed = combination.environment.blocked | combination.capability.no_entry
+    shown = ~closed & (moves.prob > 0)
+    width = (0.1 if frame.is_grid else 0.34) * frame.radius * (0.5 + moves.prob)
+    gap = (0.36 if frame.is_grid else 0.62) * frame.radius
+    going = np.flatnonzero(shown & (moves.label >= 0))
+    directions = _directions(combination, lines, going, moves.label[going])
+    length = (1.15 if frame.is_grid else 2.4) * frame.radius
+    tails = combination.space.positions[going] + side * gap * right_of(directions)
+    tails = tails + directions * (-length / 2 if frame.is_grid else 0.8 * frame.radius)
+    outlines = [*arrows(tails, directions, length, width[going])]
+    chosen = [*going]
+    for kind, corners in ((_STAY, _SQUARE), (_INNATE, _DIAMOND)):
+        standing = np.flatnonzero(shown & (moves.label == kind))
+        centres = combination.space.positions[standing] + np.array([side * gap, 0.0])
+        size = (0.2 if frame.is_grid else 0.34) * frame.radius
+        outlines += [*(centres[:, None] + size * corners)]
+        chosen += [*standing]
+    axes.add_collection(
+        PolyCollection(
+            outlines,
+            facecolors=_faded(face, moves.prob[chosen]),
+            edgecolors=_faded(INK, moves.prob[chosen]),
+            linewidths=0.8,
+            zorder=5,
+            gid="policy",
+        )
+    )
+
+
+_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_DIAMOND = np.array([[-1.3, 0.0], [0.0, -1.3], [1.3, 0.0], [0.0, 1.3]])
+
+
+def _faded(colour: str, prob: Floats) -> Floats:
+    """float64 [M, 4]: the colour, mixed with white the less likely it is."""
+    strength = (0.2 + 0.8 * np.clip(prob, 0, 1))[:, None]
+    mixed: Floats = to_rgba_array(colour) * strength + (1 - strength)
+    return mixed
+
+
+def _directions(combination: Combination, lines: EdgeLines, here: Ints, label: Ints) -> Floats:
+    """float64 [M, 2]: where the edge with a label goes; where there is none, its usual direction."""
+    space = combination.space
+    target = space.target[here, label]
+    usual = np.array([_usual_direction(combination, move) for move in range(len(space.moves))])
+    along = usual[label]
+    for row in np.flatnonzero(target >= 0):
+        first, second = lines.between(int(here[row]), int(target[row]))[:2]
+        along[row] = unit(second - first)
+    return along
+
+
+def _usual_direction(combination: Combination, move: int) -> Floats:
+    space = combination.space
+    sources = np.flatnonzero(space.target[:, move] >= 0)
+    shifts = space.positions[space.target[sources, move]] - space.positions[sources]
+    return unit(unit(shifts).mean(axis=0))

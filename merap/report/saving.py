@@ -1,0 +1,75 @@
+"""Pictures as files: PNG and SVG, the same bytes for the same picture."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from merap.errors import OutputError
+
+FORMATS = (".png", ".svg")
+DOTS_PER_INCH = 160
+
+# What would otherwise vary: element ids in SVG come from the salt, the date from the clock.
+_SETTINGS = {"svg.hashsalt": "merap", "svg.fonttype": "path"}
+
+
+def save_figure(figure: Figure, path: Path, *, force: bool = False) -> tuple[Path, ...]:
+    """Write a picture whole or not at all; return the files written.
+
+    Args:
+        figure: the picture.
+        path: ends in `.png` or `.svg`; with neither, both are written. A combination's name,
+            which has dots, counts as neither.
+        force: replace a file that is there.
+
+    Raises:
+        OutputError: another picture format; a file exists and `force` is not set; or it can't
+            be written.
+    """
+    files = _files(path)
+    for file in files:
+        if file.exists() and not force:
+            raise OutputError(f"{file}: exists already; choose another name or remove it")
+    for file in files:
+        _write(file, figure_bytes(figure, file.suffix.lower()))
+    return files
+
+
+def figure_bytes(figure: Figure, suffix: str) -> bytes:
+    """The file of a picture; `suffix` is one of `FORMATS`."""
+    stream = BytesIO()
+    with mpl.rc_context(_SETTINGS):
+        if suffix == ".svg":
+            FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": "merap"})
+        else:
+            figure.set_dpi(DOTS_PER_INCH)
+            FigureCanvasAgg(figure).print_png(stream, metadata={"Software": "merap"})
+    return stream.getvalue()
+
+
+def _files(path: Path) -> tuple[Path, ...]:
+    suffix = path.suffix.lower()
+    if suffix in FORMATS:
+        return (path,)
+    if suffix[1:] in FigureCanvasAgg.filetypes:
+        raise OutputError(f"{path}: {suffix[1:]} is not offered; allowed: {', '.join(FORMATS)}")
+    return tuple(path.with_name(path.name + format_) for format_ in FORMATS)
+
+
+def _write(path: Path, content: bytes) -> None:
+    staging = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        staging.write_bytes(content)
+        staging.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            staging.unlink()
+        raise OutputError(f"{path}: can't be written: {error.strerror}") from error

@@ -1,0 +1,165 @@
+"""A page: maps beside or below each other, one legend for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+
+from merap.mdp.model import Floats
+from merap.report.frame import Frame
+from merap.report.style import FONT_SIZE, INK, PALE, TITLE_SIZE, Entry, unique
+
+_NOTHING = Line2D([], [], linestyle="none")
+
+# Inches.
+_PAD = 0.2
+_TITLE = 0.4
+_PANEL_TITLE = 0.32
+_TICKS = 0.45
+_COLOUR_BAR = np.array([0.16, 1.5])
+_COLOUR_BAR_TITLE = 0.3
+# A map wider than this, relative to its height, has the next one below it.
+_WIDE = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A figure with its maps, before the legend is added.
+
+    Attributes:
+        figure: the page.
+        panels: one pair of axes per map, in the units of the positions.
+        frame: what each shows.
+    """
+
+    figure: Figure
+    panels: tuple[Axes, ...]
+    frame: Frame
+
+
+def open_sheet(frame: Frame, panels: int) -> Sheet:
+    """A page with empty maps; `close_sheet` gives them their place."""
+    figure = Figure(facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = tuple(figure.add_axes((0.0, 0.0, 1.0, 1.0)) for _ in range(panels))
+    for panel in axes:
+        panel.set_xlim(frame.low[0], frame.high[0])
+        panel.set_ylim(frame.low[1], frame.high[1])
+        panel.set_xticks([])
+        panel.set_yticks([])
+        panel.autoscale(enable=False)
+        for spine in panel.spines.values():
+            spine.set_color(PALE)
+    return Sheet(figure, axes, frame)
+
+
+def close_sheet(
+    sheet: Sheet,
+    *,
+    title: str,
+    panel_titles: Sequence[str] = (),
+    entries: Sequence[Entry],
+    colour_bar: tuple[ScalarMappable, str] | None = None,
+) -> Figure:
+    """Add title and legend, and place everything.
+
+    Args:
+        sheet: with maps that are drawn.
+        title: of the page.
+        panel_titles: one per map, or none.
+        entries: of the legend; what has the same meaning appears once.
+        colour_bar: colours and their title.
+    """
+    figure = sheet.figure
+    legend, legend_size = _draw_legend(figure, unique(entries))
+    if colour_bar:
+        legend_size += np.array([0.0, _COLOUR_BAR[1] + _COLOUR_BAR_TITLE + _PAD])
+    places = _arrange(sheet.frame, len(sheet.panels), bool(panel_titles), legend_size)
+    figure.set_size_inches(*places.page)
+    for panel, corner in zip(sheet.panels, places.corners, strict=True):
+        panel.set_position((*(corner / places.page), *(sheet.frame.inches / places.page)))
+    for corner, text in zip(places.corners, panel_titles, strict=False):
+        x, y = (corner + [0.0, places.above]) / places.page
+        _write(figure, x, y, text, FONT_SIZE + 1)
+    x, y = np.array([_PAD, places.page[1] - _PAD]) / places.page
+    _write(figure, x, y, title, TITLE_SIZE, verticalalignment="top")
+    legend.set_bbox_to_anchor(tuple(places.legend / places.page), figure.transFigure)
+    if colour_bar:
+        corner = places.legend + [0.1, _PAD - legend_size[1]]
+        _draw_colour_bar(figure, colour_bar, (*(corner / places.page), *(_COLOUR_BAR / places.page)))
+    return figure
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Inches from the lower left corner of the page.
+
+    Attributes:
+        page: float64 [2], width and height.
+        corners: float64 [panels, 2], the lower left corner of each map.
+        above: from there to the title of a map.
+        legend: float64 [2], the upper left corner of the legend.
+    """
+
+    page: Floats
+    corners: Floats
+    above: float
+    legend: Floats
+
+
+def _arrange(frame: Frame, panels: int, has_titles: bool, legend_size: Floats) -> _Places:
+    ticks = _TICKS if frame.is_grid else 0.0
+    cell = frame.inches + np.array([ticks, ticks + (_PANEL_TITLE if has_titles else 0.0)])
+    below = frame.inches[0] > _WIDE * frame.inches[1]
+    step = np.array([0, 1]) if below else np.array([1, 0])
+    maps = cell + (panels - 1) * step * (cell + _PAD)
+    top = _PAD + _TITLE
+    page = np.array([maps[0] + legend_size[0] + 3 * _PAD, max(maps[1], legend_size[1]) + top + _PAD])
+    shift = np.arange(panels)[:, None] * step * (cell + _PAD)
+    corners = np.array([_PAD + ticks, page[1] - top - cell[1]]) + shift * np.array([1, -1])
+    legend = np.array([2 * _PAD + maps[0], page[1] - top])
+    return _Places(page, corners, frame.inches[1] + ticks + 0.08, legend)
+
+
+def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floats]:
+    """The legend and its size, float64 [2] in inches."""
+    legend = figure.legend(
+        [artists or (_NOTHING,) for artists, _ in entries],
+        [text if artists or index == 0 else f"\n{text}" for index, (artists, text) in enumerate(entries)],
+        loc="upper left",
+        fontsize=FONT_SIZE,
+        labelcolor=INK,
+        frameon=False,
+        borderpad=0,
+        borderaxespad=0,
+        labelspacing=0.75,
+        handlelength=2.8,
+    )
+    for (artists, _), text in zip(entries, legend.get_texts(), strict=True):
+        text.set_parse_math(False)
+        if not artists:
+            text.set_fontweight("bold")
+    extent = legend.get_window_extent(FigureCanvasAgg(figure).get_renderer())
+    return legend, np.array([extent.width, extent.height]) / figure.dpi
+
+
+def _draw_colour_bar(
+    figure: Figure, colour_bar: tuple[ScalarMappable, str], place: tuple[float, float, float, float]
+) -> None:
+    colours, title = colour_bar
+    axes = figure.add_axes(place)
+    figure.colorbar(colours, cax=axes)
+    axes.tick_params(labelsize=FONT_SIZE - 1, labelcolor=INK)
+    axes.set_title(title, fontsize=FONT_SIZE, fontweight="bold", color=INK, loc="left", parse_math=False)
+
+
+def _write(figure: Figure, x: float, y: float, text: str, size: float, **how: str) -> None:
+    figure.text(x, y, text, fontsize=size, fontweight="bold", color=INK, parse_math=False, **how)

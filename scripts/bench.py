@@ -1,0 +1,96 @@
+"""Measure merap: bench.py export [--json FILE]. Ratios are of things timed side by side in one run."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from merap.checker.storm import StormModel, build_text
+
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
+
+# a slippery grid: five actions, of which four slip to either side
+GRID = """mdp
+const int n = {size};
+formula up = row>0 ? row-1 : row;      formula down = row<n-1 ? row+1 : row;
+formula left = col>0 ? col-1 : col;    formula right = col<n-1 ? col+1 : col;
+module grid
+  row : [0..n-1] init 0;  col : [0..n-1] init 0;
+  [up] true -> 8/10 : (row'=up) + 1/10 : (col'=left) + 1/10 : (col'=right);
+  [down] true -> 8/10 : (row'=down) + 1/10 : (col'=left) + 1/10 : (col'=right);
+  [left] true -> 8/10 : (col'=left) + 1/10 : (row'=up) + 1/10 : (row'=down);
+  [right] true -> 8/10 : (col'=right) + 1/10 : (row'=up) + 1/10 : (row'=down);
+  [stop] true -> true;
+endmodule
+label "goal" = row=n-1 & col=n-1;
+rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
+"""
+
+
+@app.callback()
+def bench() -> None:
+    """Timings in seconds; ratios are what to quote."""
+
+
+@app.command()
+def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
+    """Storm's model as arrays: UMB mapped into memory against iterating rows, and against building."""
+    text = GRID.format(size=size)
+    model = build_text(text, "grid")
+    mdp = model.mdp()
+    seconds = {
+        "build": _median(lambda: build_text(text, "grid"), repeats),
+        "export_umb": _median(model.mdp, repeats),
+        "iterate_rows": _median(lambda: _iterate(model), 1),
+    }
+    figures = {
+        "states": mdp.num_states,
+        "choices": mdp.num_choices,
+        "branches": mdp.num_branches,
+        **{f"seconds_{name}": value for name, value in seconds.items()},
+        "iterate_over_export": seconds["iterate_rows"] / seconds["export_umb"],
+        "export_over_build": seconds["export_umb"] / seconds["build"],
+    }
+    _report("export", figures, json_file)
+
+
+def _iterate(model: StormModel) -> tuple[list[int], list[float]]:
+    """The obvious way: every transition as a Python object."""
+    targets, probabilities = [], []
+    for state in model.model.states:
+        for action in state.actions:
+            for transition in action.transitions:
+                targets.append(transition.column)
+                probabilities.append(transition.value)
+    return targets, probabilities
+
+
+def _median(run: Callable[[], object], repeats: int) -> float:
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - begin)
+    return statistics.median(seconds)
+
+
+def _report(title: str, figures: dict[str, float], json_file: Path | None) -> None:
+    table = Table("figure", "value", title=title)
+    for name, value in figures.items():
+        table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else f"{value:,}")
+    Console().print(table)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    app()
