@@ -11,7 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from merap.mdp.assembly import Branches, assemble, reachable_states
+from merap.mdp.assembly import Branches, assemble
+from merap.mdp.graph import reachable_along
 from merap.mdp.model import TabularMDP
 
 SIZE = 9
@@ -88,7 +89,7 @@ def _assemble(moved: Branches, slipped: Branches) -> TabularMDP:
         strict=True,
     )
     state, action, target, prob, reward = (np.concatenate(parts) for parts in columns)
-    reachable = reachable_states(state, target, initial)
+    reachable = reachable_along(state, target, initial > 0)
     kept = reachable[state]
     cells = np.arange(COMPLETED)
     valuations = np.stack([cells // SIZE, cells % SIZE], axis=1)

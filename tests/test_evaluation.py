@@ -10,15 +10,8 @@ import pytest
 from merap.errors import ModelError
 from merap.mdp.evaluation import as_policy, choice_weights, expected_return, policy_values
 from merap.mdp.model import Floats
-from tests.mdp_examples import (
-    corner_grid,
-    dense,
-    jump_grid,
-    make_mdp,
-    puterman_two_states,
-    random_mdp,
-    random_policy,
-)
+from tests.mdp_examples import corner_grid, jump_grid, make_mdp, puterman_two_states, random_mdp
+from tests.mdp_routes import dense, random_policy
 
 # Sutton and Barto 2018, Figure 4.1: the equiprobable policy after 10 sweeps and in the limit.
 CORNER_GRID_10 = [

@@ -1,121 +1,353 @@
-"""Maps: what is drawn, where, and that the same input gives the same bytes."""
+"""Maps: what is drawn and where, that names can be read, and that the same picture is the same file."""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
-from fractions import Fraction
+from itertools import combinations
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
+import pytest
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import Collection
+from matplotlib.figure import Figure
 
-from merap.concerns.combination import (
-    Capability,
-    Combination,
-    Condition,
-    Environment,
-    ExternalAction,
-    Innate,
-    InnateAction,
-    Objective,
-    Outcome,
-    RewardRule,
-)
-from merap.concerns.expressions import parse
-from merap.concerns.space import Attribute, Space
-from tests.hand_made import number
+from merap.base.build import canonical
+from merap.concerns.case_study import load_case
+from merap.concerns.combination import Combination
+from merap.concerns.space import Attribute
+from merap.concerns.synthesis import synthesise
+from merap.errors import InputError, ModelError, OutputError
+from merap.mdp.evaluation import as_policy
+from merap.mdp.model import Floats
+from merap.mdp.planning import value_iteration
+from merap.report.geometry import offset_line
+from merap.report.locations import unsafe_locations
+from merap.report.map import draw_before_after, draw_map
+from merap.report.path import RoutePath, most_likely_path, sampled_path
+from merap.report.saving import figure_bytes, save_figure
+from tests.hand_made import cells, graph_combination, grid_combination, with_environment
 
-# Ground floor of an office building, metres. S and G1 to G3 are where tasks begin and end.
-PLACES = {
-    "S": (0, 4),
-    "entrance": (3, 4),
-    "reception": (6, 4),
-    "hall_west": (6, 7.5),
-    "hall_middle": (10, 7.5),
-    "hall_east": (14, 7.5),
-    "gallery": (18, 7.5),
-    "A": (10, 4),
-    "B": (14, 4),
-    "corridor": (18, 4),
-    "junction": (21.5, 4),
-    "G1": (24.5, 4),
-    "C": (6, 0.5),
-    "kitchen": (10, 0.5),
-    "workshop": (14, 0.5),
-    "store": (18, 0.5),
-    "ramp": (21.5, 0.5),
-    "G2": (24.5, 0.5),
-    "office_1": (6, 10.5),
-    "office_2": (10, 10.5),
-    "meeting_room": (14, 10.5),
-    "library": (18, 10.5),
-    "stairs": (21.5, 7.5),
-    "G3": (24.5, 7.5),
-}
-ROWS = (
-    ("S", "entrance", "reception", "A", "B", "corridor", "junction", "G1"),
-    ("hall_west", "hall_middle", "hall_east", "gallery", "stairs", "G3"),
-    ("C", "kitchen", "workshop", "store", "ramp", "G2"),
-)
-COLUMNS = (
-    ("office_1", "hall_west", "reception", "C"),
-    ("office_2", "hall_middle", "A"),
-    ("meeting_room", "hall_east", "B"),
-    ("library", "gallery", "corridor", "store"),
-    ("stairs", "junction", "ramp"),
-)
-ONE_WAY = (("workshop", "B", "north"),)
-MOVES = ("east", "west", "north", "south")
+ROOT = Path(__file__).resolve().parent.parent
 
 
-def floor_plan() -> Space:
-    """24 named locations; doors lead both ways, except from the workshop to B."""
-    names = tuple(PLACES)
-    edges = [edge for row in ROWS for a, b in zip(row, row[1:]) for edge in ((a, b, "east"), (b, a, "west"))]
-    edges += [e for column in COLUMNS for a, b in zip(column, column[1:]) for e in ((a, b, "south"), (b, a, "north"))]
-    target = np.full((len(names), len(MOVES)), -1, dtype=np.int64)
-    for source, destination, label in (*edges, *ONE_WAY):
-        target[names.index(source), MOVES.index(label)] = names.index(destination)
-    light = np.full(len(names), 2.0)
-    light[[names.index(name) for name in ("C", "kitchen", "workshop", "store")]] = [1, 0, 1, 1]
-    light[[names.index(name) for name in ("gallery", "hall_east", "library")]] = 3
-    slippery = np.isin(names, ["ramp", "kitchen"]).astype(np.float64)
-    return Space(
-        locations=names,
-        positions=np.array(list(PLACES.values()), dtype=np.float64),
-        moves=MOVES,
-        target=target,
-        shape=None,
-        attributes=(Attribute("light", "int", 0, 3, light), Attribute("slippery", "bool", 0, 1, slippery)),
-        detectors=(),
+@pytest.fixture(scope="module")
+def building() -> Combination:
+    """26 named locations; A is blocked."""
+    return load_case(ROOT / "models" / "running-example").system("met")
+
+
+@pytest.fixture(scope="module")
+def adapted(building: Combination) -> RoutePath:
+    mdp = canonical(building, synthesise(building))
+    policy = as_policy(mdp, value_iteration(mdp, building.discount).actions)
+    return most_likely_path(mdp, building, policy, 40)
+
+
+def named(axes: Axes, name: str) -> list[Artist]:
+    return [artist for artist in axes.get_children() if artist.get_gid() == name]
+
+
+def collection(axes: Axes, name: str) -> Collection:
+    (found,) = named(axes, name)
+    assert isinstance(found, Collection)
+    return found
+
+
+def polygons(axes: Axes, name: str) -> list[Floats]:
+    return [path.vertices[:-1] for path in collection(axes, name).get_paths()]
+
+
+def points(axes: Axes, name: str) -> Floats:
+    """Where a mark stands, float64 [M, 2]: the places of its uppermost layer."""
+    return named(axes, name)[-1].get_xydata()  # type: ignore[attr-defined, no-any-return]
+
+
+def legend_of(figure: Figure) -> list[str]:
+    (legend,) = figure.legends
+    return [text.get_text().strip() for text in legend.get_texts()]
+
+
+def position(combination: Combination, *names: str) -> Floats:
+    return combination.space.positions[[combination.space.location_index[name] for name in names]]
+
+
+def test_every_location_is_a_circle_at_its_position(building: Combination) -> None:
+    axes = draw_map(building).axes[0]
+    paths = [path for part in named(axes, "locations") for path in part.get_paths()]  # type: ignore[attr-defined]
+    centres = np.array([path.get_extents().get_points().mean(axis=0) for path in paths])
+    assert len(centres) == 26
+    np.testing.assert_allclose(centres, building.space.positions, atol=1e-9)
+
+
+def test_every_pair_of_neighbours_is_one_line(building: Combination) -> None:
+    segments = collection(draw_map(building).axes[0], "edges").get_segments()  # type: ignore[attr-defined]
+    source, label = np.nonzero(building.space.target >= 0)
+    expected = {frozenset(pair) for pair in zip(source, building.space.target[source, label], strict=True)}
+    where = {tuple(place): index for index, place in enumerate(building.space.positions)}
+    assert {frozenset(where[tuple(end)] for end in segment) for segment in segments} == expected
+    assert len(segments) == len(expected) == 30
+
+
+def test_names_are_there_and_overlap_nothing(building: Combination) -> None:
+    figure = draw_map(building)
+    axes = figure.axes[0]
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    boxes = {text.get_text(): text.get_window_extent(renderer) for text in axes.texts}
+    assert sorted(boxes) == sorted(building.space.locations)
+    assert not [(a, b) for a, b in combinations(boxes, 2) if boxes[a].overlaps(boxes[b])]
+    circles = [
+        path.get_extents(axes.transData)
+        for part in named(axes, "locations")
+        for path in part.get_paths()  # type: ignore[attr-defined]
+    ]
+    assert not [name for name, box in boxes.items() if box.count_overlaps(circles)]
+    page = axes.get_window_extent(renderer)
+    assert all(page.contains(*box.min) and page.contains(*box.max) for box in boxes.values())
+    smallest = min(text.get_fontsize() for text in axes.texts)
+    assert smallest >= 8
+
+
+def test_the_three_concerns_are_marked_and_explained(building: Combination) -> None:
+    capability = replace(building.capability, no_entry=np.isin(building.space.locations, ["lift", "stairs"]))
+    figure = draw_map(replace(building, capability=capability))
+    axes = figure.axes[0]
+    np.testing.assert_array_equal(points(axes, "blocked (environment)"), position(building, "A"))
+    np.testing.assert_array_equal(points(axes, "no entry (capability)"), position(building, "lift", "stairs"))
+    np.testing.assert_array_equal(points(axes, "start"), position(building, "S"))
+    np.testing.assert_array_equal(points(axes, "goal"), position(building, "G3"))
+    assert len(points(axes, "unsafe")) == 2
+    meanings = {"start", "goal", "blocked (environment)", "no entry (capability)", "unsafe"}
+    assert meanings <= set(legend_of(figure))
+
+
+def test_blocked_and_unsafe_are_not_shown_by_colour_alone(building: Combination) -> None:
+    axes = draw_map(building).axes[0]
+    markers = {
+        name: named(axes, name)[-1].get_marker() for name in ("blocked (environment)", "goal", "unsafe")
+    }  # type: ignore[attr-defined]
+    assert markers == {"blocked (environment)": "x", "goal": "*", "unsafe": "^"}
+
+
+def test_blocked_cells_of_a_grid_are_marked_in_their_cells() -> None:
+    combination = grid_combination(blocked=cells((1, 2), (6, 1)), no_entry=cells((4, 3)))
+    axes = draw_map(combination).axes[0]
+    # x is the column, y is the row, counted downwards.
+    assert points(axes, "blocked (environment)").tolist() == [[2, -1], [1, -6]]
+    assert points(axes, "no entry (capability)").tolist() == [[3, -4]]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == [str(row) for row in range(9)]
+    assert axes.get_yticks().tolist() == [-row for row in range(9)]
+
+
+def test_unsafe_locations_are_those_of_the_synthesised_model() -> None:
+    combination = graph_combination()
+    whole = synthesise(combination)
+    location = whole.valuations[:, whole.variable_names.index("loc")]
+    assert set(location[whole.labels["unsafe"]]) == set(np.flatnonzero(unsafe_locations(combination)))
+
+
+def test_a_blocked_edge_has_a_bar_across_its_middle() -> None:
+    combination = grid_combination(size=3, goal=(2, 2))
+    blocked = np.zeros_like(combination.space.target, dtype=np.bool_)
+    blocked[0, combination.space.moves.index("right")] = True
+    figure = draw_map(with_environment(combination, blocked_edges=blocked))
+    (bar,) = collection(figure.axes[0], "blocked edges").get_segments()  # type: ignore[attr-defined]
+    # The wall between the cells (0, 0) and (0, 1).
+    np.testing.assert_allclose(sorted(bar.tolist()), [[0.5, -0.5], [0.5, 0.5]])
+    assert "blocked edge" in legend_of(figure)
+
+
+def test_an_edge_of_one_direction_has_an_arrow_head() -> None:
+    # Only `across`, 0 -> 2, has no way back; it passes location 1, so it is bent.
+    axes = draw_map(graph_combination()).axes[0]
+    (head,) = polygons(axes, "one-way edges")
+    assert (head[0] - head[1:].mean(axis=0)) @ np.array([1, 1]) > 0
+    sizes = sorted(len(line) for line in collection(axes, "edges").get_segments())  # type: ignore[attr-defined]
+    assert sizes == [2, 2, 2, 25]
+
+
+def test_the_attribute_that_varies_gives_the_colours(building: Combination) -> None:
+    by_default = legend_of(draw_map(building))
+    assert {"light = 0", "light = 1", "light = 2", "light = 3"} <= set(by_default)
+    slippery = draw_map(building, attribute="slippery")
+    assert {"slippery = yes", "slippery = no"} <= set(legend_of(slippery))
+    plain, dotted = named(slippery.axes[0], "locations")
+    assert (len(plain.get_paths()), len(dotted.get_paths())) == (23, 3)  # type: ignore[attr-defined]
+    assert dotted.get_hatch() is not None  # type: ignore[attr-defined]
+
+
+def test_a_real_attribute_has_a_colour_bar() -> None:
+    combination = grid_combination(size=3, goal=(2, 2))
+    height = Attribute("height", "real", 0.0, 2.0, np.linspace(0, 1.5, 9))
+    figure = draw_map(with_environment(combination, attributes=(height,)))
+    _, bar = figure.axes
+    assert bar.get_title(loc="left") == "height"
+    assert bar.get_ylim() == (0.0, 2.0)
+
+
+def test_an_unknown_attribute_is_refused(building: Combination) -> None:
+    with pytest.raises(InputError, match="unknown attribute 'heat'; allowed: light, slippery"):
+        draw_map(building, attribute="heat")
+
+
+def test_a_policy_is_an_arrow_per_location() -> None:
+    combination = grid_combination(size=3, goal=(2, 2), blocked=cells((1, 1), size=3))
+    policy = np.zeros((10, 6))
+    policy[:, 4], policy[:, 1] = 0.8, 0.2  # right, up
+    policy[8] = [0.6, 0.1, 0.1, 0.1, 0.1, 0]  # stop in the goal
+    figure = draw_map(combination, policy=policy)
+    shapes = polygons(figure.axes[0], "policy")
+    *moving, staying = shapes
+    assert len(moving) == 7  # 9 cells without the blocked one and the goal
+    tips = np.array([shape[3] for shape in moving])
+    tails = np.array([(shape[0] + shape[6]) / 2 for shape in moving])
+    assert (tips[:, 0] > tails[:, 0]).all()
+    np.testing.assert_allclose(tips[:, 1], tails[:, 1], atol=1e-12)
+    np.testing.assert_allclose(staying.mean(axis=0), [2, -2])
+    assert {"moves", "stays"} <= set(legend_of(figure))
+
+
+def test_less_likely_moves_are_thinner_and_paler() -> None:
+    combination = grid_combination(size=3, goal=(2, 2))
+    policy = np.zeros((9, 5))
+    policy[:, 4] = np.linspace(0.2, 1.0, 9)
+    axes = draw_map(combination, policy=policy).axes[0]
+    widths = [np.linalg.norm(shape[0] - shape[6]) for shape in polygons(axes, "policy")]
+    greys = collection(axes, "policy").get_facecolor()[:, 0]  # type: ignore[call-overload, index]
+    assert (np.diff(widths) > 0).all()
+    assert (np.diff(greys) < 0).all()
+
+
+def test_each_mode_that_can_move_has_its_own_arrows(building: Combination) -> None:
+    policy = np.zeros((26 * 3, len(building.actions)))
+    policy[0::3, building.actions.index("start_scan")] = 1
+    policy[2::3, building.actions.index("east")] = 1
+    figure = draw_map(building, policy=policy)
+    texts = legend_of(figure)
+    assert {"innate action in mode idle", "moves in mode scanned"} <= set(texts)
+    assert "moves in mode idle" not in texts
+    idle, scanned = named(figure.axes[0], "policy")
+    assert (len(idle.get_paths()), len(scanned.get_paths())) == (25, 25)  # type: ignore[attr-defined]
+
+
+def test_a_policy_of_another_shape_is_refused(building: Combination) -> None:
+    with pytest.raises(ModelError, match=r"shape \(5, 5\), on the canonical index it is \(79, 8\)"):
+        draw_map(building, policy=np.ones((5, 5)))
+
+
+def test_a_path_runs_through_its_locations(building: Combination, adapted: RoutePath) -> None:
+    figure = draw_map(building, paths=[adapted])
+    (line,) = named(figure.axes[0], "path")
+    drawn = np.unique(line.get_xydata(), axis=0)  # type: ignore[attr-defined]
+    visited = np.unique(building.space.positions[list(adapted.locations)], axis=0)
+    np.testing.assert_allclose(drawn, visited)
+    assert "path: completed in 10 steps" in legend_of(figure)
+    assert "innate: measure, start_scan" in legend_of(figure)
+
+
+def test_paths_on_the_same_edges_lie_side_by_side() -> None:
+    combination = grid_combination(size=3, goal=(0, 2))
+    there = sampled_path(
+        combination, [(0, "right"), (1, "right"), (2, "stop")], 2, completed=True, label="there"
     )
+    back = sampled_path(combination, [(2, "left"), (1, "left")], 0, completed=False, label="back")
+    axes = draw_map(combination, paths=[there, replace(there, label="again"), back]).axes[0]
+    heights = [named(axes, name)[0].get_ydata() for name in ("there", "again", "back")]  # type: ignore[attr-defined]
+    assert all(np.ptp(height) < 1e-12 for height in heights)
+    levels = sorted(float(height[0]) for height in heights)
+    assert min(np.diff(levels)) > 0.1
+    # Traffic keeps to the right: eastwards below the middle, westwards above.
+    assert levels[0] < levels[1] < 0 < levels[2]
+    styles = {str(named(axes, name)[0]._dash_pattern) for name in ("there", "again", "back")}  # type: ignore[attr-defined]
+    assert len(styles) == 3
 
 
-def where(space: Space, *names: str) -> np.ndarray:
-    return np.isin(space.locations, names)
-
-
-def office(*blocked: str, goal: str = "G3", no_entry: tuple[str, ...] = ("stairs",)) -> Combination:
-    space = floor_plan()
-    at_goal = where(space, goal)
-    moves = [ExternalAction(n, (Outcome(i, number("0.9")), Outcome(None, number("0.1"))), "stay") for i, n in enumerate(MOVES)]
-    innate = Innate("scan", 1, 0, frozenset({0, 2}), True, (InnateAction("measure", {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}),))
-    return Combination(
-        name=f"met.speed_high.{goal.lower()}",
-        space=space,
-        modes=("idle", "scanning", "scanned"),
-        actions=("stop", *MOVES, "measure", "start_scan"),
-        environment=Environment("met", {}, where(space, *blocked), np.zeros_like(space.target, dtype=np.bool_), space.attributes),
-        capability=Capability("speed_high", {}, where(space, *no_entry), (ExternalAction("stop", (Outcome(None, number(1)),), "stay"), *moves), innate),
-        objective=Objective(
-            name=goal.lower(),
-            parameters={},
-            start=where(space, "S").astype(np.float64),
-            horizon=40,
-            goal=at_goal,
-            rules=(RewardRule(Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})), number(20)), RewardRule(Condition(), number(-1))),
-            ends_after=Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
-            ends_in=None,
-            unsafe=Condition(where=parse("light = 0")),
-        ),
-        discount=0.98,
-        digest="0" * 64,
+def test_before_and_after_are_two_maps_of_one_scale(building: Combination, adapted: RoutePath) -> None:
+    index = building.space.location_index
+    stuck = sampled_path(
+        building, [(index["S"], "east"), (index["lobby"], "east")], index["lobby"], completed=False
     )
+    figure = draw_before_after(building, stuck, adapted)
+    left, right = figure.axes
+    assert left.get_xlim() == right.get_xlim()
+    assert len(named(left, "before")) == len(named(right, "after")) == 1
+    assert not named(left, "after")
+    assert not left.get_window_extent().overlaps(right.get_window_extent())
+    texts = legend_of(figure)
+    assert {"before: not completed in 2 steps", "after: completed in 10 steps"} <= set(texts)
+    assert len(texts) == len(set(texts))
+
+
+def test_the_legend_lies_beside_the_map(building: Combination, adapted: RoutePath) -> None:
+    figure = draw_map(building, paths=[adapted])
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    box = figure.legends[0].get_window_extent(renderer)
+    assert box.x0 > figure.axes[0].get_window_extent(renderer).x1
+    assert figure.bbox.x1 > box.x1
+    assert box.y0 > 0
+
+
+@pytest.mark.parametrize("size", [1, 20])
+def test_grids_of_any_size_have_square_cells_on_a_page(size: int) -> None:
+    combination = grid_combination(size=size, goal=(size - 1, size - 1))
+    policy = np.full((size * size, 5), 0.2)
+    figure = draw_map(combination, policy=policy)
+    box = figure.axes[0].get_window_extent()
+    assert box.width == pytest.approx(box.height)
+    assert max(figure.get_size_inches()) < 13
+
+
+def test_offset_lines_have_mitres_and_bevels() -> None:
+    # A left turn, moved to the right by 0.1, worked out by hand; then a turn back.
+    corner = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.1)
+    np.testing.assert_allclose(corner[1:4:2], [[0.0, -0.1], [1.1, -0.1]], atol=1e-12)
+    np.testing.assert_allclose(corner[-1], [1.1, 1.0])
+    back = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]), 0.1)
+    np.testing.assert_allclose(back[2:4], [[1.0, -0.1], [1.0, 0.1]], atol=1e-12)
+
+
+def test_the_same_picture_has_the_same_bytes(building: Combination, adapted: RoutePath) -> None:
+    for suffix in (".svg", ".png"):
+        first, second = (figure_bytes(draw_map(building, paths=[adapted]), suffix) for _ in range(2))
+        assert first == second
+        assert figure_bytes(draw_map(building), suffix) != first
+
+
+def test_both_formats_are_valid_and_of_one_size(tmp_path: Path, building: Combination) -> None:
+    written = save_figure(draw_map(building), tmp_path / "maps" / "b_blocked.speed_low.g1")
+    assert [file.name for file in written] == ["b_blocked.speed_low.g1.png", "b_blocked.speed_low.g1.svg"]
+    assert sorted(entry.name for entry in (tmp_path / "maps").iterdir()) == [file.name for file in written]
+    png = written[0].read_bytes()
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    width, height = struct.unpack(">II", png[16:24])
+    svg = ElementTree.fromstring(written[1].read_bytes())  # noqa: S314
+    assert svg.tag == "{http://www.w3.org/2000/svg}svg"
+    # 160 dots per inch against 72 points per inch.
+    points_wide, points_high = (float(svg.attrib[name].removesuffix("pt")) for name in ("width", "height"))
+    assert (width / 160, height / 160) == pytest.approx((points_wide / 72, points_high / 72), abs=0.01)
+    assert b"<dc:date>" not in written[1].read_bytes()
+
+
+def test_nothing_is_overwritten_silently(tmp_path: Path) -> None:
+    figure = draw_map(grid_combination(size=3, goal=(2, 2)))
+    (tmp_path / "map.svg").write_text("mine")
+    for name in ("map", "map.svg"):
+        with pytest.raises(OutputError, match=r"map\.svg: exists already"):
+            save_figure(figure, tmp_path / name)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map.svg"]
+    assert (tmp_path / "map.svg").read_text() == "mine"
+    save_figure(figure, tmp_path / "map.svg", force=True)
+    assert (tmp_path / "map.svg").read_text().startswith("<?xml")
+
+
+def test_a_place_or_format_that_can_not_be_written_is_refused(tmp_path: Path) -> None:
+    figure = draw_map(grid_combination(size=3, goal=(2, 2)))
+    with pytest.raises(OutputError, match=r"pdf is not offered; allowed: \.png, \.svg"):
+        save_figure(figure, tmp_path / "map.pdf")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="can't be written"):
+        save_figure(figure, tmp_path / "file" / "map.svg")

@@ -20,7 +20,6 @@ from merap.mdp.planning import (
 from tests.mdp_examples import (
     State,
     corner_grid,
-    dense,
     jump_grid,
     large_grid,
     make_mdp,
@@ -28,6 +27,7 @@ from tests.mdp_examples import (
     random_mdp,
     whole_paper_grid,
 )
+from tests.mdp_routes import dense
 
 # Sutton and Barto 2018, Figure 3.5: optimal values of Example 3.5 at discount 0.9, one decimal.
 JUMP_GRID_OPTIMUM = [
@@ -153,14 +153,15 @@ def test_value_iteration_stays_within_its_error(seed: int, precision: float) -> 
     system = np.eye(mdp.num_states) - 0.9 * transition[states, exact.actions]
     solved = np.linalg.solve(system, reward[states, exact.actions])
     np.testing.assert_allclose(exact.values, solved, atol=1e-11)
-    assert np.abs(plan.values - solved).max() <= plan.error + 1e-11
+    # The second route rounds as well.
+    assert np.abs(plan.values - solved).max() <= plan.error + 1e-13
     assert plan.error <= precision
 
 
 def test_value_iteration_refuses_what_it_cannot_do() -> None:
     with pytest.raises(ValueError, match="the discount must be in"):
         value_iteration(puterman_two_states(), 1.0)
-    with pytest.raises(EngineError, match="value iteration is still"):
+    with pytest.raises(EngineError, match=r"value iteration is still up to .* off after 602 sweeps"):
         value_iteration(random_mdp(np.random.default_rng(0)), 0.9, precision=1e-30)
 
 
@@ -174,7 +175,7 @@ def test_undiscounted_distances_on_the_corner_grid() -> None:
 def test_a_large_model_is_planned() -> None:
     mdp = large_grid(450)
     # Next to the corner a step succeeds with 0.8: the truncated geometric sum of failures.
-    expected = -sum(0.2**step for step in range(25))
-    values = backward_induction(mdp, 25).values
+    expected = -sum(0.2**step for step in range(10))
+    values = backward_induction(mdp, 10).values
     assert values[0, -2] == pytest.approx(expected, abs=1e-12)
-    assert optimum(mdp, 25) == -25
+    assert optimum(mdp, 10) == -10

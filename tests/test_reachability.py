@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from merap.mdp.end_components import maximal_end_components
 from merap.mdp.reachability import bounded_reachability, reachability
 from merap.mdp.umb import write_umb
 from tests.mdp_examples import (
-    dense,
     end_component_trap,
     gambler,
     large_grid,
@@ -115,23 +115,31 @@ def test_end_components_of_the_trap() -> None:
 
 @pytest.mark.parametrize("seed", range(15))
 def test_end_components_by_their_definition(seed: int) -> None:
-    mdp = random_mdp(np.random.default_rng(seed), num_states=15, num_actions=3, num_branches=2)
-    within = np.ones(15, dtype=np.bool_)
-    component, inner = maximal_end_components(mdp, within)
-    support = dense(mdp)[0] > 0
-    for number in range(component.max() + 1):
-        members = component == number
-        chosen = np.zeros_like(mdp.enabled)
-        chosen[mdp.choice_state[inner], mdp.choice_action[inner]] = True
-        edges = (support & chosen[:, :, None]).any(axis=1)
-        assert not edges[members][:, ~members].any()
-        assert chosen[members].any(axis=1).all()
-        within_reach = np.linalg.matrix_power(edges[np.ix_(members, members)] + np.eye(members.sum()), 15)
-        assert (within_reach > 0).all()
-    # Maximal: a state from which one can stay in a set for ever and return is in some component.
-    for state in np.flatnonzero(component < 0):
-        staying = mdp.enabled[state] & support[state, :, state] & (support[state].sum(axis=1) == 1)
-        assert not staying.any()
+    # An end component is a set with choices that stay in it and connect it; the maximal ones
+    # are the largest among all sets of states.
+    size = 6
+    mdp = random_mdp(np.random.default_rng(seed), num_states=size, num_branches=2)
+    component, inner = maximal_end_components(mdp, np.ones(size, dtype=np.bool_))
+    support: list[set[int]] = [
+        set(mdp.branch_target[slice(*mdp.choice_to_branch[choice : choice + 2])].tolist())
+        for choice in range(mdp.num_choices)
+    ]
+    found: list[set[int]] = []
+    for count in range(size, 0, -1):
+        for members in map(set, combinations(range(size), count)):
+            edges = np.eye(size, dtype=np.int64)
+            for choice, state in enumerate(mdp.choice_state.tolist()):
+                if state in members and support[choice] <= members:
+                    edges[state, list(support[choice])] += 1
+            moves = (edges - np.eye(size, dtype=np.int64)).sum(axis=1)[list(members)]
+            connected = np.linalg.matrix_power(edges, size)[np.ix_(list(members), list(members))]
+            if moves.all() and connected.all() and not any(members <= larger for larger in found):
+                found.append(members)
+    by_number = [set(np.flatnonzero(component == number)) for number in range(component.max() + 1)]
+    assert sorted(map(sorted, by_number)) == sorted(map(sorted, found))
+    for choice, state in enumerate(mdp.choice_state.tolist()):
+        home = next((members for members in found if state in members), set())
+        assert inner[choice] == (state in home and support[choice] <= home)
 
 
 def test_a_large_model_is_checked() -> None:

@@ -20,7 +20,6 @@ from merap.mdp.planning import optimum, worst_value
 from merap.mdp.umb import read_umb, write_umb
 from merap.mdp.umb_encoding import encode
 from tests.mdp_examples import (
-    assert_identical,
     corner_grid,
     large_grid,
     make_mdp,
@@ -28,6 +27,7 @@ from tests.mdp_examples import (
     random_mdp,
     whole_paper_grid,
 )
+from tests.mdp_routes import assert_identical
 from tests.storm_runs import storm_values
 from tests.umb_example import doubles, saved, standard_example, tar_bytes, words
 

@@ -2,38 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from fractions import Fraction
 
 import networkx as nx
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.mdp.model import Bools
+from merap.concerns.expressions import Constant
+from merap.mdp.model import Bools, Ints
 
 MAX_NAMED = 12
+IMPOSSIBLE = Constant(Fraction(0))
 
 
 def obstruction(combination: Combination) -> str | None:
     """What cuts the goal off from the start in space; None if nothing does.
 
-    Names the blocked locations, no-entry locations and blocked edges at the border of the
-    region that can be reached, of those that lead on towards the goal.
+    Names the blocked locations, no-entry locations, blocked edges and labels without action at
+    the border of the region that can be reached, of those that lead on towards the goal.
     """
     space = combination.space
     goals = np.flatnonzero(combination.objective.goal)
-    starts = np.flatnonzero(combination.objective.start)
     if not len(goals):
         return "the objective declares no goal"
-    everything = _graph(space.target, space.target >= 0)
-    reached = _closure(_graph(space.target, combination.passable), starts)
+    exists = space.target >= 0
+    usable = combination.passable & _has_action(combination)
+    reached = _closure(_graph(space.target, usable), np.flatnonzero(combination.objective.start))
     if reached & set(goals.tolist()):
         return None
-    leading = _closure(everything.reverse(copy=False), goals)
-    border = (space.target >= 0) & ~combination.passable
-    sources, labels = np.nonzero(border)
+    # What leads to the goal only through the region itself opens no way to it.
+    beyond = _graph(space.target, exists)
+    beyond.remove_nodes_from(reached)
+    leading = _closure(beyond.reverse(copy=False), goals)
     cut = [
-        (source, int(space.target[source, label]), bool(combination.environment.blocked_edges[source, label]))
-        for source, label in zip(sources.tolist(), labels.tolist(), strict=True)
+        (source, label)
+        for source, label in np.argwhere(exists & ~usable).tolist()
         if source in reached and int(space.target[source, label]) in leading
     ]
     if not cut:
@@ -41,36 +45,57 @@ def obstruction(combination: Combination) -> str | None:
     return "cut off by " + "; ".join(_describe(combination, cut))
 
 
-def _graph(target: np.ndarray, mask: Bools) -> nx.DiGraph:
-    graph = nx.DiGraph()
+def _has_action(combination: Combination) -> Bools:
+    """bool [L]: some external action goes along edges with that label."""
+    mask = np.zeros(len(combination.space.moves), dtype=np.bool_)
+    for action in combination.capability.external:
+        for outcome in action.outcomes:
+            if outcome.move is not None and outcome.probability != IMPOSSIBLE:
+                mask[outcome.move] = True
+    return mask
+
+
+def _graph(target: Ints, mask: Bools) -> nx.DiGraph[int]:
+    graph: nx.DiGraph[int] = nx.DiGraph()
     graph.add_nodes_from(range(len(target)))
     sources, labels = np.nonzero(mask)
     graph.add_edges_from(zip(sources.tolist(), target[sources, labels].tolist(), strict=True))
     return graph
 
 
-def _closure(graph: nx.DiGraph, roots: np.ndarray) -> set[int]:
+def _closure(graph: nx.DiGraph[int], roots: Ints) -> set[int]:
     found = set(roots.tolist())
     return found.union(*(nx.descendants(graph, root) for root in roots.tolist()))
 
 
-def _describe(combination: Combination, cut: Sequence[tuple[int, int, bool]]) -> list[str]:
-    locations = combination.space.locations
-    targets = {target for _, target, _ in cut}
-    blocked = [target for target in targets if combination.environment.blocked[target]]
-    barred = [target for target in targets if combination.capability.no_entry[target]]
-    edges = [f"{locations[source]} to {locations[target]}" for source, target, is_edge in cut if is_edge]
+def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[str]:
+    """Why each of the edges (source, label) can't be used."""
+    space, environment, capability = combination.space, combination.environment, combination.capability
+    names = space.locations
+    blocked, barred, edges, lacking = set(), set(), [], set()
+    for source, label in cut:
+        target = int(space.target[source, label])
+        if environment.blocked[target]:
+            blocked.add(target)
+        if capability.no_entry[target]:
+            barred.add(target)
+        if environment.blocked_edges[source, label]:
+            edges.append(f"{names[source]} to {names[target]}")
+        if combination.passable[source, label]:
+            lacking.add(space.moves[label])
     parts = []
     if blocked:
-        parts.append(f"blocked {_names(locations, blocked)} (environment {combination.environment.name})")
+        parts.append(f"blocked {_names(names, blocked)} (environment {environment.name})")
     if barred:
-        parts.append(f"no entry to {_names(locations, barred)} (capability {combination.capability.name})")
+        parts.append(f"no entry to {_names(names, barred)} (capability {capability.name})")
     if edges:
-        parts.append(f"blocked edges {_shortened(edges)} (environment {combination.environment.name})")
+        parts.append(f"blocked edges {_shortened(edges)} (environment {environment.name})")
+    if lacking:
+        parts.append(f"no action goes {_shortened(sorted(lacking))} (capability {capability.name})")
     return parts
 
 
-def _names(locations: Sequence[str], indices: Sequence[int]) -> str:
+def _names(locations: Sequence[str], indices: Collection[int]) -> str:
     return _shortened([locations[index] for index in sorted(indices)])
 
 

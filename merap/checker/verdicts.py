@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from math import isfinite
 from typing import Any, Literal
 
 from merap.checker.building import BuiltModel, build_combination
 from merap.checker.obstruction import obstruction
 from merap.checker.properties import REACH, properties
+from merap.checker.storm import Answer
+from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.concerns.combination import Combination
 from merap.errors import InputError
 
@@ -22,12 +25,13 @@ class Verdict:
         name: of the property.
         property: its text.
         engine: which answered.
-        value: expected over the initial distribution; None for a property with a bound.
+        value: expected over the initial distribution, also of a property with a bound; None if
+            there is none.
         lower: sound lower bound of the value.
         upper: sound upper bound of the value.
         holds: None where the property asks for a value; `reach` holds if the value is positive.
         status: `unsupported` where the engine can't answer this kind of property.
-        reason: for one that does not hold, what is known of why.
+        reason: why it does not hold, or is not supported.
     """
 
     combination: str
@@ -42,8 +46,11 @@ class Verdict:
     reason: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
+        """For JSON, which has no infinity: `inf` is a string."""
+        return {
+            name: str(value) if isinstance(value, float) and not isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
 
 
 def verify(combinations: Iterable[Combination], only: str | None = None) -> Iterator[Verdict]:
@@ -69,11 +76,14 @@ def verify(combinations: Iterable[Combination], only: str | None = None) -> Iter
 
 
 def _verdict(combination: Combination, built: BuiltModel, name: str, text: str) -> Verdict:
-    answer = built.storm.check(text, built.mdp.initial)
-    holds = answer.holds
-    if name == REACH and answer.value is not None:
-        holds = answer.value > 0
-    reason = obstruction(combination) if holds is False else None
+    status: Literal["ok", "unsupported"] = "ok"
+    try:
+        answer = built.storm.check(text, built.mdp.initial)
+        holds = _holds(name, answer)
+        reason = _reason(combination, answer) if holds is False else None
+    except UnsupportedPropertyError as error:
+        answer = Answer(None, None, None, None)
+        holds, reason, status = None, str(error), "unsupported"
     return Verdict(
         combination=combination.name,
         name=name,
@@ -83,6 +93,25 @@ def _verdict(combination: Combination, built: BuiltModel, name: str, text: str) 
         lower=answer.lower,
         upper=answer.upper,
         holds=holds,
-        status="ok",
+        status=status,
         reason=reason,
     )
+
+
+def _holds(name: str, answer: Answer) -> bool | None:
+    if name == REACH and answer.holds is None and answer.value is not None:
+        return answer.value > 0
+    return answer.holds
+
+
+def _reason(combination: Combination, answer: Answer) -> str:
+    """What cuts the goal off in space; else by how much the value misses the bound."""
+    cut = obstruction(combination)
+    if cut is not None:
+        return cut
+    open_way = "the goal can be reached in space"
+    if answer.value is None:
+        return open_way
+    if answer.value == 0:
+        return f"{open_way}; the modes, or where the task ends, prevent it"
+    return f"{open_way}; the value is {answer.value:.6g}"

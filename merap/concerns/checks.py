@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
+from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Constant, evaluate, variables
 from merap.concerns.frame import Frame
 from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
-from merap.concerns.yaml_file import KeyPath
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
 

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from merap.concerns.document import KeyPath
 from merap.concerns.frame import Frame
 from merap.concerns.generation import Choice, Product, draw, separators
 from merap.concerns.names import check_name, suggestion
@@ -23,7 +24,6 @@ from merap.concerns.parameters import (
 from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec, ParameterType
 from merap.concerns.schema_base import shown
 from merap.concerns.supports import Configurations, Generated, Named
-from merap.concerns.yaml_file import KeyPath
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from merap.concerns.document import Document, KeyPath
 from merap.concerns.expressions import Constant, Expression, Kind, Value, check, exact, parse
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import (
@@ -20,7 +21,6 @@ from merap.concerns.parameters import (
 )
 from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
-from merap.concerns.yaml_file import Document, KeyPath
 from merap.errors import InputError
 from merap.mdp.model import Bools
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from merap.concerns.checks import DistributionCheck, check_starts
 from merap.concerns.configurations import read_configurations
+from merap.concerns.document import Document
 from merap.concerns.frame import Frame
 from merap.concerns.parameters import Values, find_location
 from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
@@ -22,7 +23,7 @@ from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, ObjectiveSpec
 from merap.concerns.supports import Configurations, Support, Supports
 from merap.concerns.validation import validate
-from merap.concerns.yaml_file import Document, read_document
+from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
 from merap.mdp.model import Bools
 

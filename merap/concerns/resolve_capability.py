@@ -8,13 +8,13 @@ from fractions import Fraction
 from typing import Any
 
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
+from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
 from merap.concerns.frame import Frame, expression_kinds
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.schema import CapabilitySpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec
-from merap.concerns.yaml_file import KeyPath
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 

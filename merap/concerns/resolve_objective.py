@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.concerns.combination import Condition, Objective, RewardRule
+from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Expression, Kind, Value, fold
 from merap.concerns.frame import Frame, expression_kinds
 from merap.concerns.names import check_name, suggestion
@@ -15,7 +16,6 @@ from merap.concerns.parameters import Values, constants, held_locations, present
 from merap.concerns.resolve_capability import names_in
 from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
 from merap.concerns.schema_base import Box, LocationSet
-from merap.concerns.yaml_file import KeyPath
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from merap.concerns.document import Document, KeyPath
 from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import find_locations
 from merap.concerns.schema_base import LocationSet, Setting, is_number, shown
 from merap.concerns.schema_capability import STAY
 from merap.concerns.schema_space import AttributeSpec, GridSpec, SpaceSpec
 from merap.concerns.space import Attribute, Detector, Space
-from merap.concerns.yaml_file import Document, KeyPath
 from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
 

@@ -13,8 +13,8 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
+from merap.concerns.document import KeyPath
 from merap.concerns.names import IDENTIFIER, suggestion
-from merap.concerns.yaml_file import KeyPath
 
 
 class Spec(BaseModel):

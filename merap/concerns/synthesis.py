@@ -15,15 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import END, Combination, Condition, ExternalAction, Outcome
-from merap.concerns.expressions import evaluate
+from merap.concerns.expressions import Constant, evaluate
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.alignment import align_actions, align_variables
-from merap.mdp.assembly import Branches, assemble, reachable_states
+from merap.mdp.assembly import Branches, assemble
+from merap.mdp.graph import reachable_along
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
 Scope = Mapping[str, npt.NDArray[Any]]
+# A computed probability below this is rounding: 1 - 0.9 - 0.1 is -2.8e-17.
+NEGLIGIBLE = 1e-12
 
 
 def synthesise(combination: Combination) -> TabularMDP:
@@ -92,6 +95,8 @@ def _external(combination: Combination) -> Iterator[Columns]:
         for outcome in action.outcomes:
             there = _successor(combination.space, passable, here, outcome)
             prob = np.broadcast_to(evaluate(outcome.probability, scope), here.shape).astype(np.float64)
+            if not isinstance(outcome.probability, Constant):
+                prob = np.where(np.abs(prob) < NEGLIGIBLE, 0.0, prob)
             index = combination.action_names.index(action.name)
             yield _branches(here * num_modes + mode, index, there * num_modes + mode, prob)
 
@@ -148,7 +153,7 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     initial = np.zeros(2 * len(complete))
     initial[0::2] = _initial(combination, combination.objective.start)
     labels = _labels(combination, complete)
-    kept = reachable_states(branches.state, branches.target, initial)
+    kept = reachable_along(branches.state, branches.target, initial > 0)
     _require_an_action(combination, kept, branches)
     return assemble(
         _renumbered(branches, kept),
@@ -240,11 +245,21 @@ def _holds_in_states(combination: Combination, condition: Condition) -> Bools:
     return _Step(combination, states, np.zeros_like(states), states).holds(condition)
 
 
-def scope_of_pairs(combination: Combination) -> Scope:
-    """Every state (p, q) as a column of length P * Q, staying where it is: variables of expressions."""
-    states = np.arange(combination.space.num_locations * len(combination.modes))
-    here, mode = np.divmod(states, len(combination.modes))
-    return _scope(combination, here, mode, here, mode)
+def scope_of_pairs(combination: Combination, there: Ints) -> Scope:
+    """What expressions read in every state (p, q), as columns of length P * Q, when a step keeps the mode.
+
+    Args:
+        combination: whose attributes are read.
+        there: int64 [P], the location a step leads to from each location.
+    """
+    here, mode = _grid(np.arange(combination.space.num_locations), np.arange(len(combination.modes)))
+    return _scope(combination, here, mode, there[here], mode)
+
+
+def least_reward(combination: Combination) -> float:
+    """The smallest reward of any step in any state, reachable or not; at most 0."""
+    branches = _with_objective(synthesise_pair(combination), combination, _complete_in(combination))
+    return float(np.min(branches.reward, initial=0.0))
 
 
 class _Step:

@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.combination import Combination, Objective
 from merap.concerns.configurations import read_values
+from merap.concerns.document import KeyPath
 from merap.concerns.frame import Frame
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import ParameterTypes, Values
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, SystemSpec
 from merap.concerns.supports import Support, Supports
-from merap.concerns.yaml_file import KeyPath
 
 Resolved = TypeVar("Resolved")
 

@@ -8,9 +8,9 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from merap.concerns.document import Document, KeyPath, existing_path
 from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_base import shown
-from merap.concerns.yaml_file import Document, KeyPath, existing_path
 from merap.errors import InputError
 
 # pydantic's kind of error: what is allowed, with the values of its context.
@@ -59,7 +59,9 @@ def _path(data: Any, details: ErrorDetails) -> KeyPath:
 def _message(details: ErrorDetails) -> str:
     kind = details["type"]
     if kind == "missing":
-        return f"key {str(details['loc'][-1])!r} is missing"
+        key = details["loc"][-1]
+        too_few = f"too few entries, got {shown(details['input'])}"
+        return f"key {key!r} is missing" if isinstance(key, str) else too_few
     if kind == "merap":
         return _with_value(details)
     if kind in _EXPECTED:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from merap.concerns.document import Document, KeyPath
 from merap.concerns.frame import MODE
 from merap.concerns.names import check_emitted_name, check_name
 from merap.concerns.parameters import ParameterTypes
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
 from merap.concerns.space import Space
-from merap.concerns.yaml_file import Document, KeyPath
 from merap.errors import InputError
 
 READY = "ready"
@@ -119,5 +119,5 @@ def _check_attributes(document: Document, spec: CaseSpec, space: Space) -> None:
                 raise InputError(f"duplicate name {name!r}: it is a mode already")
             if name in derived:
                 raise InputError(
-                    f"duplicate name {name!r}: the attribute {derived[name]!r} with an edge label makes it too"
+                    f"duplicate name {name!r}: attribute {derived[name]!r} and an edge label make it too"
                 )

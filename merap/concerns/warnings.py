@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 
 from merap.concerns.combination import Capability
+from merap.concerns.document import key_text
 from merap.concerns.frame import Frame
 from merap.concerns.resolve_capability import NO_ENTRY
 from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
@@ -15,7 +16,6 @@ from merap.concerns.resolve_objective import GOAL, ConditionTemplate, ObjectiveR
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
 from merap.concerns.supports import Support
-from merap.concerns.yaml_file import key_text
 
 # Capabilities of a large support that are looked at for what they lack.
 LOOKED_AT = 1000

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order
 
+from merap.mdp.graph import reachable_along
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
 
@@ -68,7 +67,7 @@ def assemble(
         choice_reward=sum_by(choice_of_branch, merged.prob * merged.reward, len(first)),
         branch_reward=merged.reward,
         initial=initial,
-        reachable=reachable_states(merged.state, merged.target, initial),
+        reachable=reachable_along(merged.state, merged.target, initial > 0),
         labels=labels,
         valuations=valuations,
         variable_names=variable_names,
@@ -90,22 +89,3 @@ def _merge(branches: Branches, num_states: int, num_actions: int) -> Branches:
 def sum_by(group: Ints, values: Floats, size: int) -> Floats:
     """float64 [size]: the sum of `values` over each `group`."""
     return np.bincount(group, values, minlength=size).astype(np.float64, copy=False)
-
-
-def reachable_states(state: Ints, target: Ints, initial: Floats) -> Bools:
-    """bool [S]: states that branches lead to from where `initial` (float64 [S]) is positive.
-
-    Args:
-        state: int64 [B], where each branch begins.
-        target: int64 [B], where it leads.
-        initial: float64 [S].
-    """
-    num_states = len(initial)
-    starts = np.flatnonzero(initial > 0)
-    rows = np.concatenate([state, np.full(len(starts), num_states)])
-    columns = np.concatenate([target, starts])
-    ones = np.ones(len(rows), dtype=np.int8)
-    graph = csr_array((ones, (rows, columns)), shape=(num_states + 1, num_states + 1))
-    found = np.zeros(num_states + 1, dtype=np.bool_)
-    found[breadth_first_order(graph, num_states, return_predecessors=False)] = True
-    return found[:num_states]

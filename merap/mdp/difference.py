@@ -16,10 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from merap.errors import ModelError
-from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.model import Floats, Ints, TabularMDP
 
 
 @dataclass(frozen=True)
@@ -97,14 +96,16 @@ def _difference(
 ) -> Difference:
     _check_one_index(system, model)
     transition = _squared_distance(
-        _of_branches(system, system.branch_prob), _of_branches(model, model.branch_prob)
+        (_branch_keys(system), system.branch_prob), (_branch_keys(model), model.branch_prob)
     )
     if per_branch and system.branch_reward is not None and model.branch_reward is not None:
         reward = _squared_distance(
-            _of_branches(system, system.branch_reward), _of_branches(model, model.branch_reward)
+            (_branch_keys(system), system.branch_reward), (_branch_keys(model), model.branch_reward)
         )
     else:
-        reward = _squared_distance(_of_choices(system), _of_choices(model))
+        reward = _squared_distance(
+            (_choice_keys(system), system.choice_reward), (_choice_keys(model), model.choice_reward)
+        )
     return Difference(w1 * transition + w2 * reward, transition, reward, per_branch)
 
 
@@ -119,19 +120,20 @@ def _check_one_index(system: TabularMDP, model: TabularMDP) -> None:
         raise ModelError("the models are not on one index: their states differ")
 
 
-def _of_branches(mdp: TabularMDP, values: Floats) -> csr_array:
-    """float64 [S * A, S] sparse, a value per (s, a, s')."""
-    row = (mdp.choice_state * mdp.num_actions + mdp.choice_action)[mdp.branch_choice]
-    shape = (mdp.num_states * mdp.num_actions, mdp.num_states)
-    return csr_array((values, (row, mdp.branch_target)), shape=shape)
+def _choice_keys(mdp: TabularMDP) -> Ints:
+    """int64 [C], one number per (s, a)."""
+    return mdp.choice_state * mdp.num_actions + mdp.choice_action
 
 
-def _of_choices(mdp: TabularMDP) -> csr_array:
-    """float64 [S, A] sparse, the expected reward per (s, a)."""
-    shape = (mdp.num_states, mdp.num_actions)
-    return csr_array((mdp.choice_reward, (mdp.choice_state, mdp.choice_action)), shape=shape)
+def _branch_keys(mdp: TabularMDP) -> Ints:
+    """int64 [B], one number per (s, a, s')."""
+    return _choice_keys(mdp)[mdp.branch_choice] * mdp.num_states + mdp.branch_target
 
 
-def _squared_distance(one: csr_array, other: csr_array) -> float:
-    deviation = (one - other).tocsr().data
+def _squared_distance(one: tuple[Ints, Floats], other: tuple[Ints, Floats]) -> float:
+    """Squared distance of two sparse vectors, each distinct keys and their values."""
+    keys = np.concatenate((one[0], other[0]))
+    values = np.concatenate((one[1], -other[1]))
+    order = np.argsort(keys)
+    deviation = np.add.reduceat(values[order], np.flatnonzero(np.diff(keys[order], prepend=-1)))
     return float(deviation @ deviation)

@@ -42,10 +42,23 @@ def states_reaching(mdp: TabularMDP, target: Bools, choices: Bools, blocked: Boo
     usable = choices if blocked is None else choices & ~blocked[mdp.choice_state]
     edge = usable[mdp.branch_choice]
     source = mdp.choice_state[mdp.branch_choice[edge]]
-    successor = mdp.branch_target[edge]
-    order = np.argsort(successor, kind="stable")
-    pointers = pointers_of(np.bincount(successor, minlength=mdp.num_states))
-    return _closure(pointers, source[order], target)
+    return reachable_along(mdp.branch_target[edge], source, target)
+
+
+def reachable_along(source: Ints, target: Ints, roots: Bools) -> Bools:
+    """The nodes that edges lead to from the roots, roots included.
+
+    Args:
+        source: int64 [E], where each edge begins; in any order.
+        target: int64 [E], where it ends.
+        roots: bool [S].
+
+    Returns:
+        bool [S].
+    """
+    order = np.argsort(source, kind="stable")
+    pointers = pointers_of(np.bincount(source, minlength=len(roots)))
+    return _closure(pointers, target[order], roots)
 
 
 def _closure(pointers: Ints, successors: Ints, sources: Bools) -> Bools:

@@ -44,7 +44,7 @@ class DiscountedPlan:
         value: expected discounted return from the initial distribution.
         values: float64 [S].
         actions: int64 [S], as in `FiniteHorizonPlan`.
-        error: no value is further off than this.
+        error: no value is further off than this, rounding included.
     """
 
     value: float
@@ -153,10 +153,18 @@ def value_iteration(
     for of_choices, of_states in _sweeps(mdp, limit, discount, maximise=maximise):
         change = of_states - previous
         low, high = float(change.min()) * gain, float(change.max()) * gain
-        if high - low <= 2 * precision:
+        error = (high - low) / 2 + _sweep_rounding(mdp, previous) / (1 - discount)
+        if error <= precision:
             # A state without choices keeps its value of 0.
             values = np.where(np.diff(mdp.state_to_choice) > 0, of_states + (low + high) / 2, 0.0)
             actions = _chosen_actions(mdp, of_choices, of_states)
-            return DiscountedPlan(initial_value(mdp, values), values, actions, (high - low) / 2)
+            return DiscountedPlan(initial_value(mdp, values), values, actions, error)
         previous = of_states
-    raise EngineError(f"value iteration is still {(high - low) / 2:.1e} off after {limit} sweeps")
+    raise EngineError(f"value iteration is still up to {error:.1e} off after {limit} sweeps")
+
+
+def _sweep_rounding(mdp: TabularMDP, values: Floats) -> float:
+    """By how much rounding can falsify one sweep over `values`: sums of K products and a reward."""
+    terms = int(np.diff(mdp.choice_to_branch).max()) + 3
+    scale = float(np.abs(values).max() + np.abs(mdp.choice_reward).max())
+    return float(np.finfo(np.float64).eps) * terms * scale

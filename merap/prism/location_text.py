@@ -37,11 +37,16 @@ def cases(space: Space, texts: Sequence[str], index: Ints) -> str:
 
 
 def bare(text: str) -> str:
-    """`text` without parentheses around the whole, as in the condition of a `?:`."""
-    if not (text.startswith("(") and text.endswith(")")) or "?" in text:
+    """`text` without parentheses around the whole."""
+    if not (text.startswith("(") and text.endswith(")")):
         return text
     depths = list(accumulate((char == "(") - (char == ")") for char in text))
     return text[1:-1] if 0 not in depths[:-1] else text
+
+
+def condition_of(text: str) -> str:
+    """`text` as the condition of a `?:`, where another `?:` needs its parentheses."""
+    return text if "?" in text else bare(text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +112,10 @@ def _predicate(window: _Window) -> str:
 
 
 def _cases(window: _Window, texts: Sequence[str]) -> str:
-    used, counts = np.unique(window.values, return_counts=True)
-    boxes = {
-        int(value): list(_boxes(window.values == value)) for value in used[np.argsort(-counts, kind="stable")]
-    }
-    default, *others = boxes
+    used, first, counts = np.unique(window.values, return_index=True, return_counts=True)
+    boxes = {int(value): list(_boxes(window.values == value)) for value in used[np.argsort(first)]}
+    default = int(used[np.argmax(counts)])
+    others = [value for value in boxes if value != default]
     if sum(len(boxes[value]) for value in others) > MAX_CHAIN:
         condition, first, second = window.halves()
         return f"({condition} ? {_cases(first, texts)} : {_cases(second, texts)})"

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor
 
-import numpy as np
-
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.expressions import evaluate
-from merap.concerns.synthesis import scope_of_pairs
+from merap.concerns.synthesis import least_reward
 from merap.prism.lines import Command, Formula, Payment
 from merap.prism.location_text import bare, predicate
 from merap.prism.step_text import Branch, Step, StepWriter
@@ -45,7 +42,7 @@ def objective_text(writer: StepWriter, *, fixed_start: bool) -> ObjectiveText:
         labels.append(Formula("unsafe", bare(_in_states(writer, objective.unsafe))))
     return ObjectiveText(
         complete="done" if objective.ends_in is None else f"done | {_in_states(writer, objective.ends_in)}",
-        payments=[Payment(action, writer.pay(steps)) for action, steps in actions.items()],
+        payments=[Payment(action, bare(writer.pay(steps))) for action, steps in actions.items()],
         fixed_start=fixed_start,
         commands=[Command(action, "!complete", _flag(writer, action)) for action in actions],
         labels=labels,
@@ -79,9 +76,5 @@ def _flag(writer: StepWriter, action: str) -> str:
 
 
 def _shift(combination: Combination) -> int:
-    """One more than the greatest loss any rule can bring, as PRISM-games takes no negative reward."""
-    scope = scope_of_pairs(combination)
-    least = min(
-        (float(np.min(evaluate(rule.value, scope))) for rule in combination.objective.rules), default=0.0
-    )
-    return floor(-min(least, 0.0)) + 1
+    """More than the greatest loss a step can bring, as PRISM-games takes no negative reward."""
+    return floor(-least_reward(combination)) + 1

@@ -1,0 +1,1 @@
+"""Pictures: maps with policies and paths, adaptation curves."""

@@ -3,55 +3,57 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from merap.mdp.model import Bools, Floats
-from merap.report.frame import Frame
 from merap.report.geometry import EdgeLines, directions_of, right_of, triangles
+from merap.report.panel import Panel
 from merap.report.style import GREY, VERMILLION, Entry, mark
 
 
-def draw_edges(axes: Axes, frame: Frame, lines: EdgeLines) -> list[Entry]:
+def draw_edges(panel: Panel) -> list[Entry]:
     """Edges as lines, one-way ones with an arrow head, blocked ones dashed with a bar across.
 
     On a grid neighbours touch, so that only the bars are drawn.
     """
-    blocked = lines.any_blocked
-    if not frame.is_grid:
-        _draw_lines(axes, lines, blocked)
-    entries = _draw_directions(axes, frame, lines)
+    extent, blocked = panel.extent, panel.lines.any_blocked
+    entries: list[Entry] = []
+    if not extent.is_grid:
+        _draw_lines(panel)
+        entries += _draw_directions(panel)
     if blocked.any():
-        half = frame.spacing / 2 if frame.is_grid else 1.1 * frame.radius
-        middles, directions = _middles(lines, blocked)
+        half = extent.spacing / 2 if extent.is_grid else 1.1 * extent.radius
+        middles, directions = _middles(panel.lines, blocked)
         across = half * right_of(directions)
         bars = np.stack([middles - across, middles + across], axis=1)
-        axes.add_collection(
+        panel.axes.add_collection(
             LineCollection(list(bars), colors=VERMILLION, linewidths=4, zorder=4, gid="blocked edges")
         )
         entries.append(((mark("|", VERMILLION, width=4),), "blocked edge"))
     return entries
 
 
-def _draw_lines(axes: Axes, lines: EdgeLines, blocked: Bools) -> None:
-    closed = blocked & ~lines.forward[:, 1] & ~lines.backward[:, 1]
+def _draw_lines(panel: Panel) -> None:
+    lines = panel.lines
+    closed = lines.any_blocked & ~lines.forward[:, 1] & ~lines.backward[:, 1]
     for mask, style, colour in ((~closed, "solid", GREY), (closed, "dotted", VERMILLION)):
         chosen = [line for line, wanted in zip(lines.lines, mask, strict=True) if wanted]
-        axes.add_collection(
+        panel.axes.add_collection(
             LineCollection(chosen, colors=colour, linestyles=style, linewidths=1.6, zorder=1, gid="edges")
         )
 
 
-def _draw_directions(axes: Axes, frame: Frame, lines: EdgeLines) -> list[Entry]:
+def _draw_directions(panel: Panel) -> list[Entry]:
+    lines, radius = panel.lines, panel.extent.radius
     one_way = lines.forward[:, 1] != lines.backward[:, 1]
-    if frame.is_grid or not one_way.any():
+    if not one_way.any():
         return []
     middles, directions = _middles(lines, one_way)
     directions = np.where(lines.forward[one_way, 1, None], directions, -directions)
     # In the middle there is a bar if the other direction is blocked.
-    shift = np.where(lines.any_blocked[one_way], 1.3 * frame.radius, 0)
-    heads = triangles(middles + directions * shift[:, None], directions, 0.9 * frame.radius)
-    axes.add_collection(PolyCollection(list(heads), facecolors=GREY, zorder=1, gid="one-way edges"))
+    shift = np.where(lines.any_blocked[one_way], 1.3 * radius, 0)
+    heads = triangles(middles + directions * shift[:, None], directions, 0.9 * radius)
+    panel.axes.add_collection(PolyCollection(list(heads), facecolors=GREY, zorder=1, gid="one-way edges"))
     return [((mark(">", GREY, size=0.7),), "one-way edge")]
 
 

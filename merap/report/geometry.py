@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -81,7 +82,7 @@ class EdgeLines:
         Returns:
             float64 [K, 2], its points; int64, the first point of the middle piece of each hop.
         """
-        hops = [self.between(*hop) for hop in zip(locations, locations[1:], strict=False)]
+        hops = [self.between(*hop) for hop in pairwise(locations)]
         sizes = np.array([len(hop) - 1 for hop in hops])
         points = np.concatenate([self.positions[[locations[0]]], *(hop[1:] for hop in hops)])
         return points, np.cumsum(sizes) - sizes + (sizes - 1) // 2
@@ -93,7 +94,7 @@ def edge_lines(space: Space, blocked_edges: Bools, clearance: float) -> EdgeLine
     Args:
         space: the locations and edges.
         blocked_edges: bool [P, L].
-        clearance: a line that comes closer to a third location than this is bent.
+        clearance: a line that comes closer to a third location than this is bent; 0 bends none.
     """
     source, label = np.nonzero(space.target >= 0)
     target = space.target[source, label]
@@ -119,6 +120,8 @@ def _runs_through_another(positions: Floats, pairs: Ints, clearance: float) -> B
     tree = cKDTree(positions)
     length = np.linalg.norm(second - first, axis=1)
     near = np.zeros(len(pairs), dtype=np.bool_)
+    if clearance == 0:
+        return near
     # Only lines longer than two clearances have room for a third location between.
     for index in np.flatnonzero(length > 2 * clearance):
         around = tree.query_ball_point((first[index] + second[index]) / 2, length[index] / 2 + clearance)

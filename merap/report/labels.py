@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from merap.mdp.model import Floats
+from merap.mdp.model import Bools, Floats
 
 # Unit vectors to the candidates: below and above first, as they keep a name next to its circle.
 _SIDES = np.array([[0, -1], [0, 1], [1, 0], [-1, 0], [1, -1], [-1, -1], [1, 1], [-1, 1]], dtype=np.float64)
@@ -16,9 +16,12 @@ _GAP = 0.03
 _ROUNDS = 4
 _OVERLAP_COST = 40.0
 _POINT_COST = 0.15
+_OUTSIDE_COST = 10.0
 
 
-def place_labels(anchors: Floats, radii: Floats, sizes: Floats, points: Floats) -> Floats:
+def place_labels(
+    anchors: Floats, radii: Floats, sizes: Floats, points: Floats, page: tuple[Floats, Floats]
+) -> Floats:
     """Choose a place for each name: greedily, then again in view of all others.
 
     Args:
@@ -26,12 +29,14 @@ def place_labels(anchors: Floats, radii: Floats, sizes: Floats, points: Floats) 
         radii: float64 [P], of the circles.
         sizes: float64 [P, 2], widths and heights of the names.
         points: float64 [M, 2], points on the edges.
+        page: two corners, float64 [2] each, between which names have to be.
 
     Returns:
         float64 [P, 2], centres of the names.
     """
     centres = _candidates(anchors, radii, sizes)
     own_cost = _DISTASTE + _POINT_COST * _points_inside(centres, sizes, points)
+    own_cost += _OUTSIDE_COST * _outside(centres, sizes, page)
     own_cost += _OVERLAP_COST * _circles_touched(centres, sizes, anchors, radii)
     chosen = own_cost.argmin(axis=1)
     rows = np.arange(len(anchors))
@@ -49,6 +54,14 @@ def _candidates(anchors: Floats, radii: Floats, sizes: Floats) -> Floats:
     corner = np.abs(_SIDES).sum(axis=1) > 1
     reach = np.where(corner, np.sqrt(0.5), 1.0)[None, :, None] * radii[:, None, None] + _GAP
     return anchors[:, None] + _SIDES * (reach + sizes[:, None] / 2)
+
+
+def _outside(centres: Floats, sizes: Floats, page: tuple[Floats, Floats]) -> Bools:
+    """bool [P, D]: whether a name would leave the page there."""
+    low, high = page
+    half = sizes[:, None] / 2
+    leaves: Bools = np.any((centres - half < low) | (centres + half > high), axis=2)
+    return leaves
 
 
 def _points_inside(centres: Floats, sizes: Floats, points: Floats) -> Floats:

@@ -15,9 +15,9 @@ from merap.concerns.space import Space
 from merap.concerns.synthesis import scope_of_pairs
 from merap.mdp.model import Bools, Floats
 from merap.report.colouring import Colouring
-from merap.report.frame import Frame, name_sizes
-from merap.report.geometry import EdgeLines
+from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
+from merap.report.panel import Panel
 from merap.report.style import (
     GREEN,
     INK,
@@ -77,21 +77,22 @@ _ON_GRID = {
 }
 
 
-def draw_locations(axes: Axes, frame: Frame, combination: Combination, colouring: Colouring) -> list[Entry]:
+def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
     """Locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
-    _draw_faces(axes, frame, combination.space, colouring)
+    _draw_faces(panel, colouring)
+    combination = panel.combination
     masks = {
         "start": combination.objective.start > 0,
         "goal": combination.objective.goal,
         "blocked (environment)": combination.environment.blocked,
         "no entry (capability)": combination.capability.no_entry,
-        "unsafe": unsafe_locations(combination),
+        "unsafe": unsafe_locations(combination) & ~combination.environment.blocked,
     }
-    styles = _ON_GRID if frame.is_grid else _ON_GRAPH
+    styles = _ON_GRID if panel.extent.is_grid else _ON_GRAPH
     entries = [heading("Locations")]
     for meaning, mask in masks.items():
         if mask.any():
-            _draw_mark(axes, frame, combination.space.positions[mask], styles[meaning], meaning)
+            _draw_mark(panel, mask, styles[meaning], meaning)
             entries.append(_entry(styles[meaning], meaning))
     return entries
 
@@ -110,33 +111,35 @@ def unsafe_locations(combination: Combination) -> Bools:
     if condition.where is not None:
         holds = evaluate(condition.where, scope_of_pairs(combination)).astype(np.bool_)
         unsafe &= np.broadcast_to(holds, unsafe.size).reshape(unsafe.shape)
-    return unsafe.any(axis=1)
+    anywhere: Bools = np.any(unsafe, axis=1)
+    return anywhere
 
 
-def _draw_faces(axes: Axes, frame: Frame, space: Space, colouring: Colouring) -> None:
-    edge = PALE if frame.is_grid else INK
+def _draw_faces(panel: Panel, colouring: Colouring) -> None:
+    edge = PALE if panel.extent.is_grid else INK
     for mask, hatch in ((~colouring.dotted, None), (colouring.dotted, "....")):
-        shapes = [_shape(frame, position) for position in space.positions[mask]]
+        shapes = [_shape(panel.extent, position) for position in panel.combination.space.positions[mask]]
         # The hatch takes its colour from the edge where none is given.
         collection = PatchCollection(
             shapes, facecolors=colouring.face[mask], edgecolors=edge, linewidths=1.0, hatch=hatch, zorder=3
         )
         collection.set_gid("locations")
-        axes.add_collection(collection)
+        panel.axes.add_collection(collection)
 
 
-def _shape(frame: Frame, position: Floats) -> Patch:
+def _shape(extent: Extent, position: Floats) -> Patch:
     x, y = position
-    if frame.is_grid:
-        return Rectangle((x - frame.radius, y - frame.radius), 2 * frame.radius, 2 * frame.radius)
-    return Circle((x, y), frame.radius)
+    if extent.is_grid:
+        return Rectangle((x - extent.radius, y - extent.radius), 2 * extent.radius, 2 * extent.radius)
+    return Circle((x, y), extent.radius)
 
 
-def _draw_mark(axes: Axes, frame: Frame, positions: Floats, layers: tuple[Layer, ...], meaning: str) -> None:
-    diameter = 2 * frame.radius_in_points
+def _draw_mark(panel: Panel, mask: Bools, layers: tuple[Layer, ...], meaning: str) -> None:
+    diameter = 2 * panel.extent.radius_in_points
     for layer in layers:
-        points = positions + np.array(layer.shift) * frame.radius
-        axes.plot(
+        shift = np.array(layer.shift) * panel.extent.radius
+        points = panel.combination.space.positions[mask] + shift
+        panel.axes.plot(
             points[:, 0],
             points[:, 1],
             linestyle="none",
@@ -161,23 +164,27 @@ def _entry(layers: tuple[Layer, ...], meaning: str) -> Entry:
     return tuple(marks), meaning
 
 
-def draw_names(axes: Axes, frame: Frame, space: Space, lines: EdgeLines) -> None:
+def draw_names(panel: Panel) -> None:
     """The names beside their locations; on a grid rows and columns are numbered instead."""
-    if frame.is_grid:
-        _number_cells(axes, space)
+    combination, extent = panel.combination, panel.extent
+    space = combination.space
+    if extent.is_grid:
+        _number_cells(panel.axes, space)
         return
-    if frame.name_size == 0:
+    if extent.name_size == 0:
         return
-    sizes = name_sizes(space.locations, frame.name_size)
+    sizes = name_sizes(space.locations, extent.name_size)
     steps = np.linspace(0, 1, _POINTS_PER_EDGE)[:, None, None]
-    pieces = [np.stack([line[:-1], line[1:]]) for line in lines.lines]
+    pieces = [np.stack([line[:-1], line[1:]]) for line in panel.lines.lines]
     first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
     points = ((1 - steps) * first + steps * second).reshape(-1, 2)
-    # A mark may be larger than the circle, so names keep a distance.
-    radii = np.full(space.num_locations, 1.25 * frame.radius * frame.scale)
-    places = place_labels(space.positions * frame.scale, radii, sizes, points * frame.scale) / frame.scale
-    for name, (x, y) in zip(space.locations, places, strict=True):
-        write(axes, x, y, name, size=frame.name_size)
+    reach = np.where(combination.objective.goal, _ON_GRAPH["goal"][0].size, 1.15)
+    reach = np.where(combination.objective.start > 0, np.maximum(reach, _ON_GRAPH["start"][0].size), reach)
+    radii = reach * extent.radius * extent.scale
+    page = (extent.low * extent.scale, extent.high * extent.scale)
+    places = place_labels(space.positions * extent.scale, radii, sizes, points * extent.scale, page)
+    for name, (x, y) in zip(space.locations, places / extent.scale, strict=True):
+        write(panel.axes, x, y, name, size=extent.name_size)
 
 
 def _number_cells(axes: Axes, space: Space) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
@@ -13,10 +12,9 @@ from merap.concerns.combination import Combination
 from merap.mdp.model import Floats
 from merap.report.colouring import Colouring, colour_by
 from merap.report.edges import draw_edges
-from merap.report.frame import Frame, frame_of
-from merap.report.geometry import EdgeLines, edge_lines
 from merap.report.locations import draw_locations, draw_names
 from merap.report.moves import draw_policy
+from merap.report.panel import Panel
 from merap.report.path import RoutePath
 from merap.report.routes import draw_routes
 from merap.report.sheet import close_sheet, open_sheet
@@ -45,14 +43,15 @@ def draw_map(
         ModelError: the policy has another shape.
     """
     colouring = colour_by(combination, attribute)
-    frame, lines = _frame_and_lines(combination)
-    sheet = open_sheet(frame, panels=1)
-    entries = _draw_base(sheet.panels[0], frame, lines, combination, colouring)
+    sheet = open_sheet(combination, panels=1)
+    entries = _draw_base(sheet.panels[0], colouring)
     if policy is not None:
-        entries += draw_policy(sheet.panels[0], frame, lines, combination, policy)
+        entries += draw_policy(sheet.panels[0], policy)
     if paths:
         entries += draw_routes(
-            sheet.panels[0], frame, lines, combination, list(zip(paths, _styles(len(paths)), strict=True))
+            sheet.panels[0],
+            list(zip(paths, _styles(len(paths)), strict=True)),
+            beside=policy is not None,
         )
     return close_sheet(sheet, title=title or combination.name, entries=entries, colour_bar=_bar(colouring))
 
@@ -78,13 +77,11 @@ def draw_before_after(
         InputError: there is no such attribute.
     """
     colouring = colour_by(combination, attribute)
-    frame, lines = _frame_and_lines(combination)
-    sheet = open_sheet(frame, panels=2)
+    sheet = open_sheet(combination, panels=2)
     named = (replace(before, label="before"), replace(after, label="after"))
     entries: list[Entry] = []
     for panel, path, style in zip(sheet.panels, named, _styles(2), strict=True):
-        entries += _draw_base(panel, frame, lines, combination, colouring)
-        entries += draw_routes(panel, frame, lines, combination, [(path, style)])
+        entries += [*_draw_base(panel, colouring), *draw_routes(panel, [(path, style)])]
     return close_sheet(
         sheet,
         title=title or combination.name,
@@ -94,18 +91,10 @@ def draw_before_after(
     )
 
 
-def _frame_and_lines(combination: Combination) -> tuple[Frame, EdgeLines]:
-    frame = frame_of(combination.space)
-    clearance = 0.0 if frame.is_grid else 1.3 * frame.radius
-    return frame, edge_lines(combination.space, combination.environment.blocked_edges, clearance)
-
-
-def _draw_base(
-    panel: Axes, frame: Frame, lines: EdgeLines, combination: Combination, colouring: Colouring
-) -> list[Entry]:
-    edges = draw_edges(panel, frame, lines)
-    locations = draw_locations(panel, frame, combination, colouring)
-    draw_names(panel, frame, combination.space, lines)
+def _draw_base(panel: Panel, colouring: Colouring) -> list[Entry]:
+    edges = draw_edges(panel)
+    locations = draw_locations(panel, colouring)
+    draw_names(panel)
     return [*locations, *edges, *colouring.entries]
 
 

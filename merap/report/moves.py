@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba_array
 
 from merap.concerns.combination import Combination
+from merap.concerns.space import Space
 from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints
-from merap.report.frame import Frame
-from merap.report.geometry import EdgeLines, arrows, right_of, unit
+from merap.report.geometry import arrows, right_of, unit
+from merap.report.panel import Panel
 from merap.report.style import INK, ORANGE, SKY_BLUE, Entry, heading, mark
 
 # Faces of the arrows of the first, second, ... mode; all have a dark outline.
@@ -27,7 +27,7 @@ class Moves:
 
     Attributes:
         label: int64 [P], the edge label it is meant to move along; -1 stays, -2 is innate.
-        prob: float64 [P], how likely it is; 0 where the policy says nothing.
+        prob: float64 [P], how likely it is; 0 where nobody can be or the policy says nothing.
     """
 
     label: Ints
@@ -48,30 +48,29 @@ def likeliest_moves(combination: Combination, policy: Floats, mode: int) -> Move
     """
     num_locations, num_modes = combination.space.num_locations, len(combination.modes)
     size, num_actions = num_locations * num_modes, len(combination.actions)
+    whole = (size + 1, num_actions + 1)
     fits = policy.ndim == 2 and policy.shape[0] - size in (0, 1) and policy.shape[1] - num_actions in (0, 1)
     if not fits:
-        raise ModelError(
-            f"the policy has shape {policy.shape}, not that of the canonical index, {(size + 1, num_actions + 1)}"
-        )
+        raise ModelError(f"the policy has shape {policy.shape}, on the canonical index it is {whole}")
     rows = policy[:size, :num_actions].reshape(num_locations, num_modes, num_actions)[:, mode]
     intended = np.full(num_actions, _INNATE)
     for action in combination.capability.external:
         move = action.outcomes[0].move
         intended[combination.actions.index(action.name)] = _STAY if move is None else move
-    return Moves(intended[rows.argmax(axis=1)], rows.max(axis=1))
+    closed = combination.environment.blocked | combination.capability.no_entry
+    return Moves(intended[rows.argmax(axis=1)], np.where(closed, 0.0, rows.max(axis=1)))
 
 
-def draw_policy(
-    axes: Axes, frame: Frame, lines: EdgeLines, combination: Combination, policy: Floats
-) -> list[Entry]:
+def draw_policy(panel: Panel, policy: Floats) -> list[Entry]:
     """An arrow for a move, a square for staying, a diamond for an innate action.
 
     Each terminal mode has arrows of its own, the initial mode first; the paler and thinner, the
-    less likely. Where nobody can be there is nothing.
+    less likely.
 
     Raises:
         ModelError: the policy has another shape.
     """
+    combination = panel.combination
     terminal = np.flatnonzero(combination.capability.terminal(len(combination.modes)))
     initial = combination.capability.initial_mode
     modes = sorted(terminal.tolist(), key=lambda mode: (mode != initial, mode))
@@ -80,7 +79,7 @@ def draw_policy(
         face = _FACES[slot % len(_FACES)]
         side = slot - (len(modes) - 1) / 2
         moves = likeliest_moves(combination, policy, mode)
-        _draw_mode(axes, frame, lines, combination, moves, face, side)
+        _draw_mode(panel, moves, face, side)
         suffix = f" in mode {combination.modes[mode]}" if len(combination.modes) > 1 else ""
         shapes = {">": "moves", "s": "stays", "D": "innate action"}
         present = _present(moves)
@@ -98,33 +97,25 @@ def _present(moves: Moves) -> set[str]:
     return {shape for shape, mask in found.items() if mask.any()}
 
 
-def _draw_mode(
-    axes: Axes,
-    frame: Frame,
-    lines: EdgeLines,
-    combination: Combination,
-    moves: Moves,
-    face: str,
-    side: float,
-) -> None:
-    closed = combination.environment.blocked | combination.capability.no_entry
-    shown = ~closed & (moves.prob > 0)
-    width = (0.1 if frame.is_grid else 0.34) * frame.radius * (0.5 + moves.prob)
-    gap = (0.36 if frame.is_grid else 0.62) * frame.radius
+def _draw_mode(panel: Panel, moves: Moves, face: str, side: float) -> None:
+    combination, is_grid, radius = panel.combination, panel.extent.is_grid, panel.extent.radius
+    shown = moves.prob > 0
+    width = (0.1 if is_grid else 0.22) * radius * (0.5 + moves.prob)
+    gap = (0.5 if is_grid else 0.84) * radius
     going = np.flatnonzero(shown & (moves.label >= 0))
-    directions = _directions(combination, lines, going, moves.label[going])
-    length = (1.15 if frame.is_grid else 2.4) * frame.radius
+    directions = _directions(panel, going, moves.label[going])
+    length = (1.15 if is_grid else 2.4) * radius
     tails = combination.space.positions[going] + side * gap * right_of(directions)
-    tails = tails + directions * (-length / 2 if frame.is_grid else 0.8 * frame.radius)
+    tails = tails + directions * (-length / 2 if is_grid else 0.8 * radius)
     outlines = [*arrows(tails, directions, length, width[going])]
     chosen = [*going]
     for kind, corners in ((_STAY, _SQUARE), (_INNATE, _DIAMOND)):
         standing = np.flatnonzero(shown & (moves.label == kind))
         centres = combination.space.positions[standing] + np.array([side * gap, 0.0])
-        size = (0.2 if frame.is_grid else 0.34) * frame.radius
+        size = (0.2 if is_grid else 0.34) * radius
         outlines += [*(centres[:, None] + size * corners)]
         chosen += [*standing]
-    axes.add_collection(
+    panel.axes.add_collection(
         PolyCollection(
             outlines,
             facecolors=_faded(face, moves.prob[chosen]),
@@ -147,20 +138,20 @@ def _faded(colour: str, prob: Floats) -> Floats:
     return mixed
 
 
-def _directions(combination: Combination, lines: EdgeLines, here: Ints, label: Ints) -> Floats:
+def _directions(panel: Panel, here: Ints, label: Ints) -> Floats:
     """float64 [M, 2]: where the edge with a label goes; where there is none, its usual direction."""
-    space = combination.space
+    space = panel.combination.space
     target = space.target[here, label]
-    usual = np.array([_usual_direction(combination, move) for move in range(len(space.moves))])
+    usual = np.array([_usual_direction(space, move) for move in range(len(space.moves))])
     along = usual[label]
     for row in np.flatnonzero(target >= 0):
-        first, second = lines.between(int(here[row]), int(target[row]))[:2]
+        first, second = panel.lines.between(int(here[row]), int(target[row]))[:2]
         along[row] = unit(second - first)
     return along
 
 
-def _usual_direction(combination: Combination, move: int) -> Floats:
-    space = combination.space
+def _usual_direction(space: Space, move: int) -> Floats:
     sources = np.flatnonzero(space.target[:, move] >= 0)
     shifts = space.positions[space.target[sources, move]] - space.positions[sources]
-    return unit(unit(shifts).mean(axis=0))
+    # A sum, as a label without edges has none to average.
+    return unit(unit(shifts).sum(axis=0))

@@ -9,10 +9,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from merap.concerns.combination import END, Combination
+from merap.concerns.combination import Combination
 from merap.concerns.synthesis import synthesise_pair
 from merap.errors import ModelError
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.canonical import COMPLETE_LABEL, FLAG_VARIABLE
+from merap.mdp.model import Floats, Ints, TabularMDP
 
 Ending: TypeAlias = Literal["completed", "loop", "open"]
 
@@ -87,7 +88,7 @@ def most_likely_path(
     _check_shape(mdp, policy, horizon)
     states, actions, ending = _follow(mdp, policy, horizon)
     locations, modes = _location_and_mode(mdp, combination, np.array(states))
-    if ending == "completed" and actions and "done" not in mdp.variable_names:
+    if ending == "completed" and actions and FLAG_VARIABLE not in mdp.variable_names:
         # The completed state of the canonical index does not tell where the task ended.
         locations[-1], modes[-1] = _where_completed(mdp, combination, states[-2], actions[-1])
     return RoutePath(
@@ -131,7 +132,7 @@ def sampled_path(
 
 
 def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
-    expected = (mdp.num_states, mdp.num_actions)
+    expected: tuple[int, ...] = (mdp.num_states, mdp.num_actions)
     if policy.ndim == 3:
         expected = (horizon, *expected)
     if policy.shape != expected:
@@ -140,7 +141,7 @@ def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
 
 def _follow(mdp: TabularMDP, policy: Floats, horizon: int) -> tuple[list[int], list[int], Ending]:
     """States [T + 1] and actions [T] of the walk, and how it ends."""
-    complete = _complete_states(mdp)
+    complete = mdp.labels[COMPLETE_LABEL]
     states, actions = [int(mdp.initial.argmax())], list[int]()
     while not complete[states[-1]]:
         if len(actions) == horizon:
@@ -152,12 +153,6 @@ def _follow(mdp: TabularMDP, policy: Floats, horizon: int) -> tuple[list[int], l
         if policy.ndim == 2 and states[-1] in states[:-1]:
             return states, actions, "loop"
     return states, actions, "completed"
-
-
-def _complete_states(mdp: TabularMDP) -> Bools:
-    """bool [S]: `end` is the only action."""
-    complete: Bools = mdp.enabled[:, mdp.action_names.index(END)] & (mdp.enabled.sum(axis=1) == 1)
-    return complete
 
 
 def _likeliest_successor(mdp: TabularMDP, state: int, action: int) -> int:

@@ -6,44 +6,47 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
 
-from merap.concerns.combination import Combination
 from merap.mdp.model import Floats
-from merap.report.frame import Frame
-from merap.report.geometry import EdgeLines, directions_of, offset_line, right_of, triangles
-from merap.report.path import RoutePath
+from merap.report.geometry import directions_of, offset_line, right_of, triangles
+from merap.report.panel import Panel
+from merap.report.path import Ending, RoutePath
 from merap.report.style import INK, Entry, Line, heading, mark
 
 _WIDTH = 2.6
 _GAP_ON_GRID = 0.34
 _GAP_ON_GRAPH = 0.6
+_OUTCOMES: dict[Ending, str] = {
+    "completed": "completed in {} steps",
+    "loop": "not completed, stuck in a loop",
+    "open": "not completed in {} steps",
+}
 
 
 def draw_routes(
-    axes: Axes,
-    frame: Frame,
-    lines: EdgeLines,
-    combination: Combination,
-    paths: Sequence[tuple[RoutePath, Line]],
+    panel: Panel, paths: Sequence[tuple[RoutePath, Line]], *, beside: bool = False
 ) -> list[Entry]:
     """Each path as a line with arrow heads, next to each other where they share an edge.
+
+    With `beside` they leave the middle of the edges to what is drawn there.
 
     A dot ends a path that completed its task, a cross one that did not; a diamond stands where
     an innate action was taken.
     """
     entries = [heading("Paths")]
-    gap = (_GAP_ON_GRID if frame.is_grid else _GAP_ON_GRAPH) * frame.radius
-    # Symmetric about the edge, unless some edge is used both ways: then all keep to the right.
-    middle = -0.5 if _oppose([path for path, _ in paths]) else (len(paths) - 1) / 2
+    gap = (_GAP_ON_GRID if panel.extent.is_grid else _GAP_ON_GRAPH) * panel.extent.radius
+    # Symmetric about the edge; where some edge is used both ways, all keep to the right.
+    middle = (len(paths) - 1) / 2
+    if beside or _oppose([path for path, _ in paths]):
+        middle = -1.0 if beside else -0.5
     for index, (path, line) in enumerate(paths):
         side = (index - middle) * gap
-        end = _draw_way(axes, frame, lines, path, line, side)
-        axes.plot(*end, **_end_mark(path, line.colour), zorder=8, gid="end of path")
+        end = _draw_way(panel, path, line, side)
+        panel.axes.add_line(_end_mark(path, line.colour, end))
         entries.append(_entry(path, line))
-    entries += _draw_innate(axes, frame, combination, [path for path, _ in paths])
+    entries += _draw_innate(panel, [path for path, _ in paths])
     return entries
 
 
@@ -53,22 +56,16 @@ def _oppose(paths: Sequence[RoutePath]) -> bool:
     return any(here != there and (there, here) in hops for here, there in hops)
 
 
-def _draw_way(
-    axes: Axes,
-    frame: Frame,
-    lines: EdgeLines,
-    path: RoutePath,
-    line: Line,
-    side: float,
-) -> Floats:
+def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
     """Draw line and arrow heads; the point where they end."""
     visited = [path.locations[0], *(there for here, there in pairwise(path.locations) if here != there)]
     if len(visited) == 1:
-        return lines.positions[visited[0]]
-    points, middle = lines.along(visited)
-    moved = offset_line(points, side)
-    axes.plot(*moved.T, color="white", linewidth=_WIDTH + 2, solid_joinstyle="round", zorder=5.5)
-    axes.plot(
+        alone: Floats = panel.combination.space.positions[visited[0]] + np.array([side, 0.0])
+        return alone
+    points, middle = panel.lines.along(visited)
+    moved: Floats = offset_line(points, side)
+    panel.axes.plot(*moved.T, color="white", linewidth=_WIDTH + 2, solid_joinstyle="round", zorder=5.5)
+    panel.axes.plot(
         *moved.T,
         color=line.colour,
         linestyle=line.style,
@@ -80,54 +77,52 @@ def _draw_way(
     )
     directions = directions_of(points)[middle]
     centres = (points[middle] + points[middle + 1]) / 2 + side * right_of(directions)
-    size = (0.5 if frame.is_grid else 1.0) * frame.radius
+    size = (0.5 if panel.extent.is_grid else 1.0) * panel.extent.radius
     heads = triangles(centres, directions, size)
-    axes.add_collection(
+    panel.axes.add_collection(
         PolyCollection(list(heads), facecolors=line.colour, edgecolors="white", linewidths=0.6, zorder=6.5)
     )
-    return moved[-1]
+    end: Floats = moved[-1]
+    return end
 
 
-def _end_mark(path: RoutePath, colour: str) -> dict[str, object]:
-    return {
-        "linestyle": "none",
-        "marker": "o" if path.completed else "X",
-        "markersize": 8 if path.completed else 10,
-        "markerfacecolor": colour,
-        "markeredgecolor": "white",
-        "markeredgewidth": 1.2,
-    }
+def _end_mark(path: RoutePath, colour: str, place: Floats | None = None) -> Line2D:
+    """A dot or a cross; without a place, for the legend."""
+    return Line2D(
+        [] if place is None else place[:1],
+        [] if place is None else place[1:],
+        linestyle="none",
+        marker="o" if path.completed else "X",
+        markersize=8 if path.completed else 10,
+        markerfacecolor=colour,
+        markeredgecolor="white",
+        markeredgewidth=1.2,
+        zorder=8,
+        gid="end of path",
+    )
 
 
 def _entry(path: RoutePath, line: Line) -> Entry:
     shown = Line2D([], [], color=line.colour, linestyle=line.style, linewidth=_WIDTH)
     steps = len(path.actions)
-    outcome = f"completed in {steps} steps" if path.completed else f"not completed, {steps} steps"
-    return (shown, Line2D([], [], **_end_mark(path, line.colour))), f"{path.label}: {outcome}"
+    return (shown, _end_mark(path, line.colour)), f"{path.label}: {_OUTCOMES[path.ending].format(steps)}"
 
 
-def _draw_innate(
-    axes: Axes, frame: Frame, combination: Combination, paths: Sequence[RoutePath]
-) -> list[Entry]:
-    external = {action.name for action in combination.capability.external}
-    taken = sorted(
-        {
-            (location, action)
-            for path in paths
-            for location, action in zip(path.locations, path.actions, strict=False)
-            if action not in external
-        }
-    )
+def _draw_innate(panel: Panel, paths: Sequence[RoutePath]) -> list[Entry]:
+    combination = panel.combination
+    innate = set(combination.actions) - {action.name for action in combination.capability.external}
+    steps = [step for path in paths for step in zip(path.locations, path.actions, strict=False)]
+    taken = [(location, action) for location, action in steps if action in innate]
     if not taken:
         return []
     points = combination.space.positions[sorted({location for location, _ in taken})]
-    size = 0.62 * frame.radius_in_points * (1 if frame.is_grid else 2)
-    axes.plot(
+    size = panel.extent.radius_in_points * (0.37 if panel.extent.is_grid else 0.74)
+    panel.axes.plot(
         points[:, 0],
         points[:, 1],
         linestyle="none",
         marker="D",
-        markersize=size * 0.6,
+        markersize=size,
         markerfacecolor="white",
         markeredgecolor=INK,
         zorder=7,

@@ -5,19 +5,24 @@ from __future__ import annotations
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from merap.errors import OutputError
 
-FORMATS = (".png", ".svg")
+# Without a date and the version of a library, so that the same picture gives the same bytes.
+_METADATA: dict[str, dict[str, str | None]] = {
+    ".png": {"Software": "merap"},
+    ".svg": {"Creator": "merap", "Date": None},
+}
+FORMATS = tuple(_METADATA)
 DOTS_PER_INCH = 160
 
-# What would otherwise vary: element ids in SVG come from the salt, the date from the clock.
-_SETTINGS = {"svg.hashsalt": "merap", "svg.fonttype": "path"}
+# The ids of elements in SVG come from the salt; without it they are random.
+_SETTINGS: dict[Any, Any] = {"svg.hashsalt": "merap", "svg.fonttype": "path"}
 
 
 def save_figure(figure: Figure, path: Path, *, force: bool = False) -> tuple[Path, ...]:
@@ -46,11 +51,7 @@ def figure_bytes(figure: Figure, suffix: str) -> bytes:
     """The file of a picture; `suffix` is one of `FORMATS`."""
     stream = BytesIO()
     with mpl.rc_context(_SETTINGS):
-        if suffix == ".svg":
-            FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": "merap"})
-        else:
-            figure.set_dpi(DOTS_PER_INCH)
-            FigureCanvasAgg(figure).print_png(stream, metadata={"Software": "merap"})
+        figure.savefig(stream, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=_METADATA[suffix])
     return stream.getvalue()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,8 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
+from merap.concerns.combination import Combination
 from merap.mdp.model import Floats
-from merap.report.frame import Frame
+from merap.report.extent import Extent, extent_of
+from merap.report.geometry import edge_lines
+from merap.report.panel import Panel
 from merap.report.style import FONT_SIZE, INK, PALE, TITLE_SIZE, Entry, unique
 
 _NOTHING = Line2D([], [], linestyle="none")
@@ -32,33 +36,38 @@ _WIDE = 1.3
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A figure with its maps, before the legend is added.
+    """A page whose maps have no place yet.
 
     Attributes:
         figure: the page.
-        panels: one pair of axes per map, in the units of the positions.
-        frame: what each shows.
+        panels: its maps, all of the same extent.
     """
 
     figure: Figure
-    panels: tuple[Axes, ...]
-    frame: Frame
+    panels: tuple[Panel, ...]
 
 
-def open_sheet(frame: Frame, panels: int) -> Sheet:
-    """A page with empty maps; `close_sheet` gives them their place."""
+def open_sheet(combination: Combination, panels: int) -> Sheet:
+    """A page with empty maps of one combination; `close_sheet` gives them their place."""
+    extent = extent_of(combination.space)
+    # On a grid neighbours touch, nothing lies between them.
+    clearance = 0.0 if extent.is_grid else 1.3 * extent.radius
+    lines = edge_lines(combination.space, combination.environment.blocked_edges, clearance)
     figure = Figure(facecolor="white")
-    FigureCanvasAgg(figure)
-    axes = tuple(figure.add_axes((0.0, 0.0, 1.0, 1.0)) for _ in range(panels))
-    for panel in axes:
-        panel.set_xlim(frame.low[0], frame.high[0])
-        panel.set_ylim(frame.low[1], frame.high[1])
-        panel.set_xticks([])
-        panel.set_yticks([])
-        panel.autoscale(enable=False)
-        for spine in panel.spines.values():
-            spine.set_color(PALE)
-    return Sheet(figure, axes, frame)
+    return Sheet(
+        figure, tuple(Panel(_add_axes(figure, extent), extent, lines, combination) for _ in range(panels))
+    )
+
+
+def _add_axes(figure: Figure, extent: Extent) -> Axes:
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(extent.low[0], extent.high[0])
+    axes.set_ylim(extent.low[1], extent.high[1])
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.autoscale(enable=False)
+    axes.spines[:].set_color(PALE)
+    return axes
 
 
 def close_sheet(
@@ -78,22 +87,20 @@ def close_sheet(
         entries: of the legend; what has the same meaning appears once.
         colour_bar: colours and their title.
     """
-    figure = sheet.figure
+    figure, extent = sheet.figure, sheet.panels[0].extent
     legend, legend_size = _draw_legend(figure, unique(entries))
     if colour_bar:
         legend_size += np.array([0.0, _COLOUR_BAR[1] + _COLOUR_BAR_TITLE + _PAD])
-    places = _arrange(sheet.frame, len(sheet.panels), bool(panel_titles), legend_size)
+    places = _arrange(extent, len(sheet.panels), bool(panel_titles), legend_size)
     figure.set_size_inches(*places.page)
     for panel, corner in zip(sheet.panels, places.corners, strict=True):
-        panel.set_position((*(corner / places.page), *(sheet.frame.inches / places.page)))
+        panel.axes.set_position((*(corner / places.page), *(extent.inches / places.page)))
     for corner, text in zip(places.corners, panel_titles, strict=False):
-        x, y = (corner + [0.0, places.above]) / places.page
-        _write(figure, x, y, text, FONT_SIZE + 1)
-    x, y = np.array([_PAD, places.page[1] - _PAD]) / places.page
-    _write(figure, x, y, title, TITLE_SIZE, verticalalignment="top")
+        _write(figure, (corner + np.array([0.0, places.above])) / places.page, text, FONT_SIZE + 1)
+    _write(figure, places.title / places.page, title, TITLE_SIZE)
     legend.set_bbox_to_anchor(tuple(places.legend / places.page), figure.transFigure)
     if colour_bar:
-        corner = places.legend + [0.1, _PAD - legend_size[1]]
+        corner = places.legend + np.array([0.1, _PAD - legend_size[1]])
         _draw_colour_bar(figure, colour_bar, (*(corner / places.page), *(_COLOUR_BAR / places.page)))
     return figure
 
@@ -104,21 +111,23 @@ class _Places:
 
     Attributes:
         page: float64 [2], width and height.
+        title: float64 [2], the lower left corner of the title.
         corners: float64 [panels, 2], the lower left corner of each map.
         above: from there to the title of a map.
         legend: float64 [2], the upper left corner of the legend.
     """
 
     page: Floats
+    title: Floats
     corners: Floats
     above: float
     legend: Floats
 
 
-def _arrange(frame: Frame, panels: int, has_titles: bool, legend_size: Floats) -> _Places:
-    ticks = _TICKS if frame.is_grid else 0.0
-    cell = frame.inches + np.array([ticks, ticks + (_PANEL_TITLE if has_titles else 0.0)])
-    below = frame.inches[0] > _WIDE * frame.inches[1]
+def _arrange(extent: Extent, panels: int, has_titles: bool, legend_size: Floats) -> _Places:
+    ticks = _TICKS if extent.is_grid else 0.0
+    cell = extent.inches + np.array([ticks, ticks + (_PANEL_TITLE if has_titles else 0.0)])
+    below = extent.inches[0] > _WIDE * extent.inches[1]
     step = np.array([0, 1]) if below else np.array([1, 0])
     maps = cell + (panels - 1) * step * (cell + _PAD)
     top = _PAD + _TITLE
@@ -126,13 +135,15 @@ def _arrange(frame: Frame, panels: int, has_titles: bool, legend_size: Floats) -
     shift = np.arange(panels)[:, None] * step * (cell + _PAD)
     corners = np.array([_PAD + ticks, page[1] - top - cell[1]]) + shift * np.array([1, -1])
     legend = np.array([2 * _PAD + maps[0], page[1] - top])
-    return _Places(page, corners, frame.inches[1] + ticks + 0.08, legend)
+    title = np.array([_PAD, page[1] - _PAD - 0.7 * _TITLE])
+    return _Places(page, title, corners, extent.inches[1] + ticks + 0.08, legend)
 
 
 def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floats]:
     """The legend and its size, float64 [2] in inches."""
     legend = figure.legend(
-        [artists or (_NOTHING,) for artists, _ in entries],
+        # A tuple of artists is drawn one on top of the other, which the type does not know.
+        cast("Any", [artists or (_NOTHING,) for artists, _ in entries]),
         [text if artists or index == 0 else f"\n{text}" for index, (artists, text) in enumerate(entries)],
         loc="upper left",
         fontsize=FONT_SIZE,
@@ -147,8 +158,8 @@ def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floa
         text.set_parse_math(False)
         if not artists:
             text.set_fontweight("bold")
-    extent = legend.get_window_extent(FigureCanvasAgg(figure).get_renderer())
-    return legend, np.array([extent.width, extent.height]) / figure.dpi
+    box = legend.get_window_extent(FigureCanvasAgg(figure).get_renderer())  # type: ignore[no-untyped-call]
+    return legend, np.array([box.width, box.height]) / figure.dpi
 
 
 def _draw_colour_bar(
@@ -161,5 +172,6 @@ def _draw_colour_bar(
     axes.set_title(title, fontsize=FONT_SIZE, fontweight="bold", color=INK, loc="left", parse_math=False)
 
 
-def _write(figure: Figure, x: float, y: float, text: str, size: float, **how: str) -> None:
-    figure.text(x, y, text, fontsize=size, fontweight="bold", color=INK, parse_math=False, **how)
+def _write(figure: Figure, place: Floats, text: str, size: float) -> None:
+    x, y = place
+    figure.text(x, y, text, fontsize=size, fontweight="bold", color=INK, parse_math=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -31,10 +31,10 @@ WALL = "#4D4D4D"
 
 @dataclass(frozen=True)
 class Line:
-    """How a line looks: colour, and a style of matplotlib."""
+    """How a line looks: its colour, and its dashes as matplotlib has them, in widths."""
 
     colour: str
-    style: str | tuple[float, tuple[float, ...]]
+    style: Literal["solid"] | tuple[float, tuple[float, ...]]
 
 
 LINES = (
@@ -57,7 +57,9 @@ def heading(text: str) -> Entry:
     return (), text
 
 
-def mark(marker: str, colour: str, *, edge: str | None = None, size: float = 1.0, width: float = 1.0) -> Line2D:
+def mark(
+    marker: str, colour: str, *, edge: str | None = None, size: float = 1.0, width: float = 1.0
+) -> Line2D:
     """A mark for the legend, `size` times as large as usual."""
     return Line2D(
         [],
@@ -79,7 +81,9 @@ def unique(entries: Sequence[Entry]) -> list[Entry]:
     return list(first.values())
 
 
-def write(axes: Axes, x: float, y: float, text: str, *, size: float = FONT_SIZE, weight: str = "normal") -> Text:
+def write(
+    axes: Axes, x: float, y: float, text: str, *, size: float = FONT_SIZE, weight: str = "normal"
+) -> Text:
     """Centred text with a white rim, on top of everything; no character of it is a command."""
     return axes.text(
         x,

@@ -1,4 +1,4 @@
-"""How large a map is drawn: one scale for positions, circles and text."""
+"""What a map shows and how large: one scale for positions, circles and text."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_NAMES = 150
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Extent:
     """The part of the plane a map shows.
 
     Attributes:
@@ -47,8 +47,8 @@ class Frame:
     @property
     def inches(self) -> Floats:
         """float64 [2], width and height on paper."""
-        extent: Floats = (self.high - self.low) * self.scale
-        return extent
+        size: Floats = (self.high - self.low) * self.scale
+        return size
 
     @property
     def radius_in_points(self) -> float:
@@ -56,22 +56,22 @@ class Frame:
         return self.radius * self.scale * 72
 
 
-def frame_of(space: Space) -> Frame:
+def extent_of(space: Space) -> Extent:
     """Choose scale and margins so that names can be read and the map fits on a page."""
     spacing = spacing_of(space.positions)
     low, high = space.positions.min(axis=0), space.positions.max(axis=0)
     if space.shape is not None:
         half = spacing / 2
         scale = min(_CELL / spacing, float((_LARGEST / (high - low + spacing)).min()))
-        return Frame(low - half, high + half, scale, spacing, half, True, 0.0)
-    extent = np.maximum(high - low, spacing / 2)
+        return Extent(low - half, high + half, scale, spacing, half, True, 0.0)
+    size = np.maximum(high - low, spacing / 2)
     # Where few locations are close to each other the map may grow, but never over the page.
-    scale = max(_NEIGHBOURS_APART / spacing, _SMALLEST_WIDTH / float(extent.max()))
-    scale = min(scale, float((_LARGEST / extent).min()))
+    scale = max(_NEIGHBOURS_APART / spacing, _SMALLEST_WIDTH / float(size.max()))
+    scale = min(scale, float((_LARGEST / size).min()))
     radius = min(_RADIUS / scale, _RADIUS_PART * spacing)
     name_size = 0.0 if space.num_locations > _MOST_NAMES else min(FONT_SIZE, 34 * spacing * scale)
     margin = _margin(space, radius * scale, name_size) / scale
-    return Frame(low - margin, high + margin, scale, spacing, radius, False, name_size)
+    return Extent(low - margin, high + margin, scale, spacing, radius, False, name_size)
 
 
 def _margin(space: Space, radius: float, name_size: float) -> Floats:

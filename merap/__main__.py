@@ -1,0 +1,5 @@
+"""`python -m merap` is `merap`."""
+
+from merap.cli.main import main
+
+main()

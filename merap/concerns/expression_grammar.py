@@ -1,0 +1,54 @@
+"""The grammar of expressions: PRISM's operators with PRISM's precedence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+from lark import Lark
+
+# As in PRISM, operators of one level group to the left, `=>` too, and `!` binds less than `=`.
+GRAMMAR = r"""
+?start: conditional
+?conditional: implication | implication "?" conditional ":" conditional -> choose
+?implication: equivalence | implication IMPLIES equivalence -> binary
+?equivalence: disjunction | equivalence IFF disjunction -> binary
+?disjunction: conjunction | disjunction OR conjunction -> binary
+?conjunction: negation | conjunction AND negation -> binary
+?negation: equality | NOT negation -> unary
+?equality: relation | equality EQUALS relation -> binary
+?relation: sum | relation ORDER sum -> binary
+?sum: product | sum ADD product -> binary
+?product: minus | product TIMES minus -> binary
+?minus: atom | "-" minus -> negate
+?atom: NUMBER -> number | "true" -> true | "false" -> false | NAME -> variable
+     | FUNCTION "(" conditional ("," conditional)* ")" -> call | "(" conditional ")"
+IMPLIES.2: "=>"
+IFF.2: "<=>"
+OR: "|"
+AND: "&"
+NOT: "!"
+EQUALS: "=" | "!="
+ORDER: "<=" | ">=" | "<" | ">"
+ADD: "+" | "-"
+TIMES: "*" | "/"
+FUNCTION.2: /(min|max|floor|ceil|pow|mod)(?=\s*\()/
+NAME: /[A-Za-z_][A-Za-z0-9_]*'?/
+NUMBER: /\d+(\.\d+)?([eE][+-]?\d{1,3})?/
+%ignore /[ \t\r\n]+/
+"""
+
+ARITIES: Mapping[str, range] = {
+    "min": range(2, 100),
+    "max": range(2, 100),
+    "floor": range(1, 2),
+    "ceil": range(1, 2),
+    "pow": range(2, 3),
+    "mod": range(2, 3),
+}
+
+
+@lru_cache(maxsize=1)
+def parser() -> Lark:
+    """The parser, built once."""
+    return Lark(GRAMMAR, parser="lalr", maybe_placeholders=False)

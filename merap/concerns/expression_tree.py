@@ -1,0 +1,51 @@
+"""Expressions as trees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal, TypeAlias
+
+Kind: TypeAlias = Literal["bool", "number"]
+Value: TypeAlias = Fraction | bool
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number or a truth value."""
+
+    value: Value
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A name, with its prime if it speaks of the successor; `column` counts from 1."""
+
+    name: str
+    column: int
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An operator or function and its arguments."""
+
+    operator: str
+    arguments: tuple[Expression, ...]
+
+
+Expression: TypeAlias = Constant | Variable | Operation
+
+
+def variables(expression: Expression) -> Iterator[Variable]:
+    """Every occurrence of a variable, left to right."""
+    if isinstance(expression, Variable):
+        yield expression
+    elif isinstance(expression, Operation):
+        for argument in expression.arguments:
+            yield from variables(argument)
+
+
+def exact(number: float) -> Fraction:
+    """The fraction a decimal stands for: 0.8 is 4/5, not the nearest double."""
+    return Fraction(repr(number)) if isinstance(number, float) else Fraction(number)

@@ -1,0 +1,205 @@
+"""Tabular Gymnasium environments, anything with a table `P`, as models in canonical form.
+
+Axes: S states of the table, B branches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.errors import InputError
+from merap.mdp.assembly import Branches, assemble
+from merap.mdp.canonical import ABSORBING_VALUE, COMPLETE_LABEL, END_ACTION
+from merap.mdp.graph import reachable_along
+from merap.mdp.gymnasium_extra import gymnasium
+from merap.mdp.gymnasium_toy_text import TableNames, names_of, numbered_names
+from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats, Ints, TabularMDP
+
+# state -> action -> [(probability, next state, reward, terminated)]; lists may stand for the mappings.
+Table = Mapping[int, Any] | Sequence[Any]
+
+
+def import_gymnasium(env: str | gymnasium.Env[Any, Any], **kwargs: Any) -> TabularMDP:
+    """The model of a Gymnasium environment that has a transition table `P`.
+
+    The dynamics are those of `env.unwrapped`: wrappers and time limits are no part of the
+    model. FrozenLake, CliffWalking and Taxi come with their factors, action names and
+    labels; others with the variable `state` and actions `a0`, `a1`, ... See `import_table`
+    for the form.
+
+    Args:
+        env: an environment, or the id of one.
+        kwargs: arguments of `gymnasium.make`, if it is an id.
+
+    Raises:
+        InputError: there is no such environment, it has no `P` or no
+            `initial_state_distrib`, or does what `P` doesn't tell.
+        ModelError: the table is no MDP; names state and action.
+    """
+    if isinstance(env, str):
+        made = _make(env, kwargs)
+        try:
+            return _of_environment(made)
+        finally:
+            made.close()
+    if kwargs:
+        raise InputError(f"{', '.join(kwargs)}: arguments are for an id, not for a ready environment")
+    return _of_environment(env)
+
+
+def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None = None) -> TabularMDP:
+    """A transition table as a model in canonical form.
+
+    After the states of the table stands one absorbing state, `done`, with the action `end`;
+    branches flagged as terminated lead there (only these: an unflagged one into the same
+    state goes on). Branches with equal successor become one, with the mean reward. Rows of
+    states that are not reachable then, such as those in which an episode has ended, are
+    empty. Labels describe the table's states, and so may hold where no episode gets to.
+
+    Args:
+        table: `table[s][a]`, a list of (probability, next state, reward, terminated).
+        initial: float64 [S], a distribution.
+        names: of states and actions; by default numbers.
+
+    Raises:
+        InputError: the table isn't of that form; names the entry.
+        ModelError: the table is no MDP; names state and action.
+    """
+    num_states = len(table)
+    rows = _rows(table)
+    num_actions = int(rows.action.max()) + 1
+    names = numbered_names(num_states, num_actions) if names is None else names
+    if num_actions > len(names.action_names):
+        raise InputError(f"P has action {num_actions - 1}, there are {len(names.action_names)} action names")
+    start = np.asarray(initial, dtype=np.float64)
+    if start.shape != (num_states,):
+        raise InputError(f"the initial distribution has shape {start.shape}, P has {num_states} states")
+    return assemble(
+        _branches(rows, start, len(names.action_names)),
+        initial=np.append(start, 0.0),
+        labels={
+            **{name: np.append(mask, False) for name, mask in names.labels.items()},
+            COMPLETE_LABEL: np.arange(num_states + 1) == num_states,
+        },
+        valuations=np.pad(names.valuations, ((0, 1), (0, 0)), constant_values=ABSORBING_VALUE),
+        variable_names=names.variable_names,
+        action_names=(*names.action_names, END_ACTION),
+    )
+
+
+def _make(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env[Any, Any]:
+    try:
+        return gymnasium.make(env_id, **kwargs)
+    except (gymnasium.error.Error, ModuleNotFoundError, TypeError) as error:
+        raise InputError(f"Gymnasium can't make {env_id!r}: {error}") from error
+
+
+def _of_environment(env: gymnasium.Env[Any, Any]) -> TabularMDP:
+    base = env.unwrapped
+    table, initial = _attribute(base, "P"), _attribute(base, "initial_state_distrib")
+    return import_table(table, initial, names_of(base))
+
+
+def _attribute(env: gymnasium.Env[Any, Any], name: str) -> Any:
+    if not hasattr(env, name):
+        title = env.spec.id if env.spec is not None else type(env).__name__
+        raise InputError(
+            f"{title} has no {name}, so it can't be imported; FrozenLake, Taxi and CliffWalking can"
+        )
+    return getattr(env, name)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The entries of a table, arrays [B]."""
+
+    state: Ints
+    action: Ints
+    prob: Floats
+    next_state: Ints
+    reward: Floats
+    terminated: Bools
+
+
+_ENTRY = "(probability, next state, reward, terminated)"
+
+
+def _rows(table: Table) -> _Rows:
+    columns = _columns(table)
+    _check_columns(columns, len(table))
+    state, action, prob, next_state, reward, terminated = columns
+    return _Rows(
+        state.astype(np.int64),
+        action.astype(np.int64),
+        prob,
+        next_state.astype(np.int64),
+        reward,
+        terminated != 0,
+    )
+
+
+def _columns(table: Table) -> Floats:
+    """float64 [6, B]: state, action, probability, next state, reward, terminated."""
+    try:
+        # The source is nested Python objects: they are gone through here, once.
+        entries = [
+            (state, action, *branch)
+            for state, actions in _items(table)
+            for action, branches in _items(actions)
+            for branch in branches
+        ]
+    except TypeError as error:
+        raise InputError(f"P must be state -> action -> list of {_ENTRY}: {error}") from error
+    if not entries:
+        raise InputError("P is empty")
+    odd = next((entry for entry in entries if len(entry) != 6), None)
+    if odd is not None:
+        raise InputError(f"P[{odd[0]}][{odd[1]}] holds {odd[2:]}, not {_ENTRY}")
+    return np.array(entries, dtype=np.float64).T
+
+
+def _items(table: Any) -> Iterable[tuple[Any, Any]]:
+    items: Iterable[tuple[Any, Any]] = table.items() if isinstance(table, Mapping) else enumerate(table)
+    return items
+
+
+def _check_columns(columns: Floats, num_states: int) -> None:
+    state, action, prob, next_state, _, _ = columns
+    last = f"an integer from 0 to {num_states - 1}"
+    _refuse(columns, ~_is_index(state, num_states), state, f"a state is {last}")
+    _refuse(columns, ~_is_index(action, np.inf), action, "an action is an integer from 0 on")
+    _refuse(columns, ~_is_index(next_state, num_states), next_state, f"a next state is {last}")
+    _refuse(columns, ~((prob >= 0) & (prob <= 1 + ROW_SUM_TOLERANCE)), prob, "a probability is in [0, 1]")
+
+
+def _is_index(numbers: Floats, size: float) -> Bools:
+    mask: Bools = (numbers >= 0) & (numbers < size) & (numbers == np.floor(numbers))
+    return mask
+
+
+def _refuse(columns: Floats, wrong: Bools, values: Floats, allowed: str) -> None:
+    if wrong.any():
+        first = int(np.flatnonzero(wrong)[0])
+        state, action = columns[:2, first]
+        raise InputError(f"P[{state:g}][{action:g}] has {values[first]:g}: {allowed}")
+
+
+def _branches(rows: _Rows, initial: Floats, num_actions: int) -> Branches:
+    """The branches of reachable states, and `end` (action `num_actions`) of the absorbing state."""
+    absorbing = len(initial)
+    target = np.where(rows.terminated, absorbing, rows.next_state)
+    possible = rows.prob > 0
+    reachable = reachable_along(rows.state[possible], target[possible], np.append(initial, 0.0) > 0)
+    kept = possible & reachable[rows.state]
+    return Branches(
+        state=np.append(rows.state[kept], absorbing),
+        action=np.append(rows.action[kept], num_actions),
+        target=np.append(target[kept], absorbing),
+        prob=np.append(rows.prob[kept], 1.0),
+        reward=np.append(rows.reward[kept], 0.0),
+    )

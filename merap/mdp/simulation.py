@@ -1,0 +1,192 @@
+"""Models of one case laid out for sampling steps: one draw and a few gathers for any number of episodes.
+
+Axes: N models, E episodes side by side, S states, C choices and B branches of all models
+together, A actions without `end`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.errors import ModelError
+from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
+from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.segments import pointers_of
+
+
+@dataclass(frozen=True, eq=False)
+class Lottery:
+    """Discrete distributions in compressed rows, cumulated so that one binary search draws from any.
+
+    With 10^6 rows a probability is kept to 10^-10, since the number of the row takes part
+    of the mantissa.
+
+    Attributes:
+        bound: float64, ascending: the number of the entry's row plus the probability up to
+            the entry.
+        last: int64 [R], the last entry of each row.
+    """
+
+    bound: Floats
+    last: Ints
+
+    def draw(self, row: Ints | int, uniform: Floats | float) -> Ints:
+        """An entry of each row by inversion.
+
+        Args:
+            row: int64 [E].
+            uniform: float64 [E], in [0, 1).
+
+        Returns:
+            int64 [E], indices of entries.
+        """
+        entry = self.bound.searchsorted(row + uniform, side="right")
+        # row + uniform may be rounded up to row + 1.
+        drawn: Ints = np.minimum(entry, self.last[row])
+        return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Simulator:
+    """N models of one case; state s of model n has number n * S + s.
+
+    Attributes:
+        choice: int64 [N * S, A], a row of `successors`; -1 where the action is disabled or
+            the state is completed.
+        successors: the branches of each choice.
+        target: int64 [B], a state's number.
+        reward: float64 [B], r(s, a, s').
+        completed: bool [N * S], where an episode ends.
+        starts: the initial states of each model that have a positive probability.
+        start: int64, a state's number for each entry of `starts`.
+        num_models: N.
+        num_states: S.
+        action_names: A names.
+    """
+
+    choice: Ints
+    successors: Lottery
+    target: Ints
+    reward: Floats
+    completed: Bools
+    starts: Lottery
+    start: Ints
+    num_models: int
+    num_states: int
+    action_names: tuple[str, ...]
+
+    def first_states(self, model: Ints | int, uniform: Floats | float) -> Ints:
+        """int64 [E], initial states of models int64 [E] by draws float64 [E] in [0, 1)."""
+        first: Ints = self.start[self.starts.draw(model, uniform)]
+        return first
+
+
+def simulator(models: Sequence[TabularMDP]) -> Simulator:
+    """Lay out models for sampling.
+
+    An episode ends in the states labelled `done`, if there is such a label; the action
+    `end`, which only they have, is then none of the actions. A model without the label
+    goes on for ever.
+
+    Args:
+        models: N models with the same states and actions, as on a canonical index.
+
+    Raises:
+        ModelError: there is no model, one has other states or actions than the first, one
+            can start in a completed state, or `end` is possible in a state that is not.
+    """
+    if not models:
+        raise ModelError("there is no model to simulate")
+    for number, model in enumerate(models):
+        _check_index(model, models[0], number)
+        _check_end(model)
+    names = _acting_names(models[0])
+    choices = pointers_of(np.array([model.num_choices for model in models]))
+    num_states = models[0].num_states
+    return Simulator(
+        choice=np.concatenate(
+            [
+                _choice_table(model, len(names), int(base))
+                for model, base in zip(models, choices, strict=False)
+            ]
+        ),
+        successors=_lottery(
+            pointers_of(np.concatenate([np.diff(model.choice_to_branch) for model in models])),
+            np.concatenate([model.branch_prob for model in models]),
+        ),
+        target=np.concatenate([model.branch_target + n * num_states for n, model in enumerate(models)]),
+        reward=np.concatenate([_branch_reward(model) for model in models]),
+        completed=np.concatenate([_completed(model) for model in models]),
+        starts=_lottery(
+            pointers_of(np.array([np.count_nonzero(model.initial) for model in models])),
+            np.concatenate([model.initial[model.initial > 0] for model in models]),
+        ),
+        start=np.concatenate(
+            [np.flatnonzero(model.initial) + n * num_states for n, model in enumerate(models)]
+        ),
+        num_models=len(models),
+        num_states=num_states,
+        action_names=names,
+    )
+
+
+def _check_index(model: TabularMDP, first: TabularMDP, number: int) -> None:
+    if model.action_names != first.action_names:
+        raise ModelError(f"model {number} has actions {model.action_names}, model 0 {first.action_names}")
+    if model.variable_names != first.variable_names or not np.array_equal(model.valuations, first.valuations):
+        raise ModelError(f"model {number} has other states than model 0; bring both to one canonical index")
+    if (COMPLETE_LABEL in model.labels) != (COMPLETE_LABEL in first.labels):
+        raise ModelError(f"only one of model 0 and model {number} has the label {COMPLETE_LABEL!r}")
+
+
+def _check_end(model: TabularMDP) -> None:
+    started = np.flatnonzero(_completed(model) & (model.initial > 0))
+    if len(started):
+        state = model.describe_state(int(started[0]))
+        raise ModelError(f"the initial state {state} is completed already: no episode can start there")
+    if COMPLETE_LABEL not in model.labels or END_ACTION not in model.action_names:
+        return
+    ending = model.choice_action == model.action_names.index(END_ACTION)
+    early = np.flatnonzero(ending & ~_completed(model)[model.choice_state])
+    if len(early):
+        raise ModelError(f"{model.describe_choice(int(early[0]))}: only a completed state may have it")
+
+
+def _acting_names(model: TabularMDP) -> tuple[str, ...]:
+    if COMPLETE_LABEL not in model.labels:
+        return model.action_names
+    return tuple(name for name in model.action_names if name != END_ACTION)
+
+
+def _completed(model: TabularMDP) -> Bools:
+    if COMPLETE_LABEL in model.labels:
+        return model.labels[COMPLETE_LABEL]
+    return np.zeros(model.num_states, dtype=np.bool_)
+
+
+def _choice_table(model: TabularMDP, num_actions: int, base: int) -> Ints:
+    """int64 [S, A], numbers of choices from `base` on; -1 where there is none."""
+    names = _acting_names(model)
+    column = np.array([names.index(name) if name in names else -1 for name in model.action_names])
+    going = ~_completed(model)[model.choice_state]
+    table = np.full((model.num_states, num_actions), -1)
+    table[model.choice_state[going], column[model.choice_action[going]]] = np.flatnonzero(going) + base
+    return table
+
+
+def _branch_reward(model: TabularMDP) -> Floats:
+    if model.branch_reward is not None:
+        return model.branch_reward
+    return model.choice_reward[model.branch_choice]
+
+
+def _lottery(pointers: Ints, prob: Floats) -> Lottery:
+    """Rows of float64 probabilities, none of them empty."""
+    row = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+    cumulated = np.cumsum(prob)
+    before = np.append(0.0, cumulated)[pointers[:-1]]
+    total = cumulated[pointers[1:] - 1] - before
+    return Lottery(row + (cumulated - before[row]) / total[row], pointers[1:] - 1)

@@ -1,0 +1,49 @@
+"""What README and docs show is run: Python blocks, `$ merap` lines, and the case file of the docs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from merap.checker.verdicts import verify
+from merap.concerns.case_study import load_case
+
+ROOT = Path(__file__).parents[1]
+TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def run(command: list[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_examples_run(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    for block in blocks(path, "python"):
+        run([sys.executable, "-c", block], tmp_path)
+    for block in blocks(path, "console"):
+        for line in block.splitlines():
+            if line.startswith("$ merap "):
+                run([sys.executable, "-m", "merap", *shlex.split(line)[2:]], tmp_path)
+
+
+def test_the_case_of_the_docs_is_as_described(tmp_path: Path) -> None:
+    text = next(block for block in blocks(ROOT / "docs" / "case-file.md", "yaml") if block.startswith("case:"))
+    (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
+    case = load_case(tmp_path)
+    assert case.size == 4
+    false = [verdict for verdict in verify(case.combinations()) if verdict.holds is False]
+    assert [verdict.combination for verdict in false] == ["hall_blocked.worn.to_shelf", "hall_blocked.new.to_shelf"]
+    assert f"{false[0].combination}: {false[0].name} ({false[0].property}) does not hold: {false[0].reason}" in (
+        ROOT / "docs" / "case-file.md"
+    ).read_text(encoding="utf-8")
