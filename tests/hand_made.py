@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from merap.concerns.combination import (
     Outcome,
     RewardRule,
 )
-from merap.concerns.expressions import Constant, fold, parse
+from merap.concerns.expressions import Constant, Expression, fold, parse
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Ints
 
@@ -33,19 +34,19 @@ def cells(*pairs: tuple[int, int], size: int = SIZE) -> Bools:
     return mask
 
 
-def grid_space(size: int = SIZE) -> Space:
-    rows, columns = np.divmod(np.arange(size * size), size)
-    target = np.full((size * size, len(SHIFTS)), -1, dtype=np.int64)
+def grid_space(shape: tuple[int, int] = (SIZE, SIZE)) -> Space:
+    rows, columns = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
+    target = np.full((len(rows), len(SHIFTS)), -1, dtype=np.int64)
     for label, (down, right) in enumerate(SHIFTS.values()):
         row, column = rows + down, columns + right
-        inside = (row >= 0) & (row < size) & (column >= 0) & (column < size)
-        target[:, label] = np.where(inside, row * size + column, -1)
+        inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+        target[:, label] = np.where(inside, row * shape[1] + column, -1)
     return Space(
         locations=tuple(f"r{row}c{column}" for row, column in zip(rows, columns, strict=True)),
         positions=np.stack([columns, -rows], axis=1).astype(np.float64),
         moves=tuple(SHIFTS),
         target=target,
-        shape=(size, size),
+        shape=shape,
         attributes=(),
         detectors=(),
     )
@@ -53,6 +54,11 @@ def grid_space(size: int = SIZE) -> Space:
 
 def number(value: float | str) -> Constant:
     return Constant(Fraction(str(value)))
+
+
+def parsed(text: str, modes: tuple[str, ...] = ()) -> Expression:
+    """An expression with the names of modes replaced by their numbers."""
+    return fold(parse(text), {name: Fraction(index) for index, name in enumerate(modes)})
 
 
 def grid_combination(
@@ -63,7 +69,7 @@ def grid_combination(
     size: int = SIZE,
 ) -> Combination:
     """The paper's 9 x 9 world."""
-    space = grid_space(size)
+    space = grid_space((size, size))
     empty = np.zeros(space.num_locations, dtype=np.bool_)
     start = cells((0, 0), size=size).astype(np.float64)
     at_goal = cells(goal, size=size)
@@ -120,10 +126,10 @@ def graph_combination() -> Combination:
         attributes=(ice, light),
         detectors=(),
     )
-    modes = {name: Fraction(index) for index, name in enumerate(("idle", "scanning", "scanned"))}
+    modes = ("idle", "scanning", "scanned")
 
-    def expression(text: str):  # type: ignore[no-untyped-def]
-        return fold(parse(text), modes)
+    def expression(text: str) -> Expression:
+        return parsed(text, modes)
 
     external = (
         ExternalAction("stop", (Outcome(None, number(1)),), "stay"),
@@ -174,7 +180,7 @@ def graph_combination() -> Combination:
     return Combination(
         name="e.c.o",
         space=space,
-        modes=tuple(modes),
+        modes=modes,
         actions=("stop", "go", "back", "jump", "measure", "start_scan"),
         environment=Environment(
             "e", {}, np.zeros(4, dtype=np.bool_), np.zeros((4, 3), dtype=np.bool_), (ice, light)
@@ -186,6 +192,16 @@ def graph_combination() -> Combination:
     )
 
 
-def with_environment(combination: Combination, **changes: object) -> Combination:
+def with_environment(combination: Combination, **changes: Any) -> Combination:
     """The same with another environment."""
     return replace(combination, environment=replace(combination.environment, **changes))
+
+
+def with_capability(combination: Combination, **changes: Any) -> Combination:
+    """The same with another capability."""
+    return replace(combination, capability=replace(combination.capability, **changes))
+
+
+def with_objective(combination: Combination, **changes: Any) -> Combination:
+    """The same with another objective."""
+    return replace(combination, objective=replace(combination.objective, **changes))

@@ -20,8 +20,8 @@ from tests.case_examples import GRAPH, GRID
 
 # The size of the temporary folder does not matter, and machines that run tests may be slow.
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-FEW = settings(RELAXED, max_examples=40)
-MANY = settings(RELAXED, max_examples=120)
+FEW = settings(RELAXED, max_examples=25)
+MANY = settings(RELAXED, max_examples=100)
 
 EXAMPLES = [YAML(typ="safe", pure=True).load(text) for text in (GRID, GRAPH)]
 

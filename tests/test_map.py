@@ -1,19 +1,16 @@
-"""Maps: what is drawn and where, that names can be read, and that the same picture is the same file."""
+"""Maps: what is drawn and where, and that names can be read."""
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 
 from merap.base.build import canonical
@@ -21,15 +18,14 @@ from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
 from merap.concerns.space import Attribute
 from merap.concerns.synthesis import synthesise
-from merap.errors import InputError, ModelError, OutputError
+from merap.errors import InputError, ModelError
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats
 from merap.mdp.planning import value_iteration
-from merap.report.geometry import offset_line
+from merap.report.labels import place_labels
 from merap.report.locations import unsafe_locations
 from merap.report.map import draw_before_after, draw_map
 from merap.report.path import RoutePath, most_likely_path, sampled_path
-from merap.report.saving import figure_bytes, save_figure
 from tests.hand_made import cells, graph_combination, grid_combination, with_environment
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,23 +44,24 @@ def adapted(building: Combination) -> RoutePath:
     return most_likely_path(mdp, building, policy, 40)
 
 
-def named(axes: Axes, name: str) -> list[Artist]:
+def named(axes: Axes, name: str) -> list[Any]:
+    """The artists drawn under that name, which are of many kinds."""
     return [artist for artist in axes.get_children() if artist.get_gid() == name]
 
 
-def collection(axes: Axes, name: str) -> Collection:
-    (found,) = named(axes, name)
-    assert isinstance(found, Collection)
-    return found
+def only(axes: Axes, name: str) -> Any:
+    (artist,) = named(axes, name)
+    return artist
 
 
 def polygons(axes: Axes, name: str) -> list[Floats]:
-    return [path.vertices[:-1] for path in collection(axes, name).get_paths()]
+    return [path.vertices[:-1] for path in only(axes, name).get_paths()]
 
 
 def points(axes: Axes, name: str) -> Floats:
     """Where a mark stands, float64 [M, 2]: the places of its uppermost layer."""
-    return named(axes, name)[-1].get_xydata()  # type: ignore[attr-defined, no-any-return]
+    places: Floats = named(axes, name)[-1].get_xydata()
+    return places
 
 
 def legend_of(figure: Figure) -> list[str]:
@@ -78,19 +75,19 @@ def position(combination: Combination, *names: str) -> Floats:
 
 def test_every_location_is_a_circle_at_its_position(building: Combination) -> None:
     axes = draw_map(building).axes[0]
-    paths = [path for part in named(axes, "locations") for path in part.get_paths()]  # type: ignore[attr-defined]
+    paths = [path for part in named(axes, "locations") for path in part.get_paths()]
     centres = np.array([path.get_extents().get_points().mean(axis=0) for path in paths])
     assert len(centres) == 26
     np.testing.assert_allclose(centres, building.space.positions, atol=1e-9)
 
 
 def test_every_pair_of_neighbours_is_one_line(building: Combination) -> None:
-    segments = collection(draw_map(building).axes[0], "edges").get_segments()  # type: ignore[attr-defined]
+    segments = only(draw_map(building).axes[0], "edges").get_segments()
     source, label = np.nonzero(building.space.target >= 0)
     expected = {frozenset(pair) for pair in zip(source, building.space.target[source, label], strict=True)}
     where = {tuple(place): index for index, place in enumerate(building.space.positions)}
     assert {frozenset(where[tuple(end)] for end in segment) for segment in segments} == expected
-    assert len(segments) == len(expected) == 30
+    assert len(segments) == len(expected) == 29  # counted in the case file
 
 
 def test_names_are_there_and_overlap_nothing(building: Combination) -> None:
@@ -101,15 +98,20 @@ def test_names_are_there_and_overlap_nothing(building: Combination) -> None:
     assert sorted(boxes) == sorted(building.space.locations)
     assert not [(a, b) for a, b in combinations(boxes, 2) if boxes[a].overlaps(boxes[b])]
     circles = [
-        path.get_extents(axes.transData)
-        for part in named(axes, "locations")
-        for path in part.get_paths()  # type: ignore[attr-defined]
+        path.get_extents(axes.transData) for part in named(axes, "locations") for path in part.get_paths()
     ]
     assert not [name for name, box in boxes.items() if box.count_overlaps(circles)]
     page = axes.get_window_extent(renderer)
     assert all(page.contains(*box.min) and page.contains(*box.max) for box in boxes.values())
-    smallest = min(text.get_fontsize() for text in axes.texts)
-    assert smallest >= 8
+    assert min(float(text.get_fontsize()) for text in axes.texts) >= 8
+
+
+def test_names_of_close_locations_make_way_for_each_other() -> None:
+    anchors, sizes = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]), np.array([[0.9, 0.2]] * 3)
+    page = (np.array([-2.0, -2.0]), np.array([3.0, 2.0]))
+    places = place_labels(anchors, np.full(3, 0.1), sizes, np.zeros((0, 2)), page)
+    apart = [np.any(np.abs(a - b) >= sizes[0]) for a, b in combinations(places, 2)]
+    assert all(apart)
 
 
 def test_the_three_concerns_are_marked_and_explained(building: Combination) -> None:
@@ -123,14 +125,8 @@ def test_the_three_concerns_are_marked_and_explained(building: Combination) -> N
     assert len(points(axes, "unsafe")) == 2
     meanings = {"start", "goal", "blocked (environment)", "no entry (capability)", "unsafe"}
     assert meanings <= set(legend_of(figure))
-
-
-def test_blocked_and_unsafe_are_not_shown_by_colour_alone(building: Combination) -> None:
-    axes = draw_map(building).axes[0]
-    markers = {
-        name: named(axes, name)[-1].get_marker() for name in ("blocked (environment)", "goal", "unsafe")
-    }  # type: ignore[attr-defined]
-    assert markers == {"blocked (environment)": "x", "goal": "*", "unsafe": "^"}
+    # Not by colour alone.
+    assert len({named(axes, meaning)[-1].get_marker() for meaning in meanings}) == 5
 
 
 def test_blocked_cells_of_a_grid_are_marked_in_their_cells() -> None:
@@ -147,7 +143,9 @@ def test_unsafe_locations_are_those_of_the_synthesised_model() -> None:
     combination = graph_combination()
     whole = synthesise(combination)
     location = whole.valuations[:, whole.variable_names.index("loc")]
-    assert set(location[whole.labels["unsafe"]]) == set(np.flatnonzero(unsafe_locations(combination)))
+    # `light = 0` holds at B alone.
+    assert np.flatnonzero(unsafe_locations(combination)).tolist() == [2]
+    assert set(location[whole.labels["unsafe"]]) == {2}
 
 
 def test_a_blocked_edge_has_a_bar_across_its_middle() -> None:
@@ -155,7 +153,7 @@ def test_a_blocked_edge_has_a_bar_across_its_middle() -> None:
     blocked = np.zeros_like(combination.space.target, dtype=np.bool_)
     blocked[0, combination.space.moves.index("right")] = True
     figure = draw_map(with_environment(combination, blocked_edges=blocked))
-    (bar,) = collection(figure.axes[0], "blocked edges").get_segments()  # type: ignore[attr-defined]
+    (bar,) = only(figure.axes[0], "blocked edges").get_segments()
     # The wall between the cells (0, 0) and (0, 1).
     np.testing.assert_allclose(sorted(bar.tolist()), [[0.5, -0.5], [0.5, 0.5]])
     assert "blocked edge" in legend_of(figure)
@@ -166,7 +164,7 @@ def test_an_edge_of_one_direction_has_an_arrow_head() -> None:
     axes = draw_map(graph_combination()).axes[0]
     (head,) = polygons(axes, "one-way edges")
     assert (head[0] - head[1:].mean(axis=0)) @ np.array([1, 1]) > 0
-    sizes = sorted(len(line) for line in collection(axes, "edges").get_segments())  # type: ignore[attr-defined]
+    sizes = sorted(len(line) for line in only(axes, "edges").get_segments())
     assert sizes == [2, 2, 2, 25]
 
 
@@ -176,8 +174,8 @@ def test_the_attribute_that_varies_gives_the_colours(building: Combination) -> N
     slippery = draw_map(building, attribute="slippery")
     assert {"slippery = yes", "slippery = no"} <= set(legend_of(slippery))
     plain, dotted = named(slippery.axes[0], "locations")
-    assert (len(plain.get_paths()), len(dotted.get_paths())) == (23, 3)  # type: ignore[attr-defined]
-    assert dotted.get_hatch() is not None  # type: ignore[attr-defined]
+    assert (len(plain.get_paths()), len(dotted.get_paths())) == (23, 3)
+    assert dotted.get_hatch() is not None
 
 
 def test_a_real_attribute_has_a_colour_bar() -> None:
@@ -217,7 +215,7 @@ def test_less_likely_moves_are_thinner_and_paler() -> None:
     policy[:, 4] = np.linspace(0.2, 1.0, 9)
     axes = draw_map(combination, policy=policy).axes[0]
     widths = [np.linalg.norm(shape[0] - shape[6]) for shape in polygons(axes, "policy")]
-    greys = collection(axes, "policy").get_facecolor()[:, 0]  # type: ignore[call-overload, index]
+    greys = only(axes, "policy").get_facecolor()[:, 0]
     assert (np.diff(widths) > 0).all()
     assert (np.diff(greys) < 0).all()
 
@@ -228,10 +226,11 @@ def test_each_mode_that_can_move_has_its_own_arrows(building: Combination) -> No
     policy[2::3, building.actions.index("east")] = 1
     figure = draw_map(building, policy=policy)
     texts = legend_of(figure)
-    assert {"innate action in mode idle", "moves in mode scanned"} <= set(texts)
+    # The initial mode comes first.
+    assert texts[-2:] == ["innate action in mode idle", "moves in mode scanned"]
     assert "moves in mode idle" not in texts
     idle, scanned = named(figure.axes[0], "policy")
-    assert (len(idle.get_paths()), len(scanned.get_paths())) == (25, 25)  # type: ignore[attr-defined]
+    assert (len(idle.get_paths()), len(scanned.get_paths())) == (25, 25)
 
 
 def test_a_policy_of_another_shape_is_refused(building: Combination) -> None:
@@ -242,7 +241,7 @@ def test_a_policy_of_another_shape_is_refused(building: Combination) -> None:
 def test_a_path_runs_through_its_locations(building: Combination, adapted: RoutePath) -> None:
     figure = draw_map(building, paths=[adapted])
     (line,) = named(figure.axes[0], "path")
-    drawn = np.unique(line.get_xydata(), axis=0)  # type: ignore[attr-defined]
+    drawn = np.unique(line.get_xydata(), axis=0)
     visited = np.unique(building.space.positions[list(adapted.locations)], axis=0)
     np.testing.assert_allclose(drawn, visited)
     assert "path: completed in 10 steps" in legend_of(figure)
@@ -256,13 +255,13 @@ def test_paths_on_the_same_edges_lie_side_by_side() -> None:
     )
     back = sampled_path(combination, [(2, "left"), (1, "left")], 0, completed=False, label="back")
     axes = draw_map(combination, paths=[there, replace(there, label="again"), back]).axes[0]
-    heights = [named(axes, name)[0].get_ydata() for name in ("there", "again", "back")]  # type: ignore[attr-defined]
+    heights = [named(axes, name)[0].get_ydata() for name in ("there", "again", "back")]
     assert all(np.ptp(height) < 1e-12 for height in heights)
     levels = sorted(float(height[0]) for height in heights)
     assert min(np.diff(levels)) > 0.1
     # Traffic keeps to the right: eastwards below the middle, westwards above.
     assert levels[0] < levels[1] < 0 < levels[2]
-    styles = {str(named(axes, name)[0]._dash_pattern) for name in ("there", "again", "back")}  # type: ignore[attr-defined]
+    styles = {str(named(axes, name)[0]._dash_pattern) for name in ("there", "again", "back")}
     assert len(styles) == 3
 
 
@@ -299,55 +298,3 @@ def test_grids_of_any_size_have_square_cells_on_a_page(size: int) -> None:
     box = figure.axes[0].get_window_extent()
     assert box.width == pytest.approx(box.height)
     assert max(figure.get_size_inches()) < 13
-
-
-def test_offset_lines_have_mitres_and_bevels() -> None:
-    # A left turn, moved to the right by 0.1, worked out by hand; then a turn back.
-    corner = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.1)
-    np.testing.assert_allclose(corner[1:4:2], [[0.0, -0.1], [1.1, -0.1]], atol=1e-12)
-    np.testing.assert_allclose(corner[-1], [1.1, 1.0])
-    back = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]), 0.1)
-    np.testing.assert_allclose(back[2:4], [[1.0, -0.1], [1.0, 0.1]], atol=1e-12)
-
-
-def test_the_same_picture_has_the_same_bytes(building: Combination, adapted: RoutePath) -> None:
-    for suffix in (".svg", ".png"):
-        first, second = (figure_bytes(draw_map(building, paths=[adapted]), suffix) for _ in range(2))
-        assert first == second
-        assert figure_bytes(draw_map(building), suffix) != first
-
-
-def test_both_formats_are_valid_and_of_one_size(tmp_path: Path, building: Combination) -> None:
-    written = save_figure(draw_map(building), tmp_path / "maps" / "b_blocked.speed_low.g1")
-    assert [file.name for file in written] == ["b_blocked.speed_low.g1.png", "b_blocked.speed_low.g1.svg"]
-    assert sorted(entry.name for entry in (tmp_path / "maps").iterdir()) == [file.name for file in written]
-    png = written[0].read_bytes()
-    assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    width, height = struct.unpack(">II", png[16:24])
-    svg = ElementTree.fromstring(written[1].read_bytes())  # noqa: S314
-    assert svg.tag == "{http://www.w3.org/2000/svg}svg"
-    # 160 dots per inch against 72 points per inch.
-    points_wide, points_high = (float(svg.attrib[name].removesuffix("pt")) for name in ("width", "height"))
-    assert (width / 160, height / 160) == pytest.approx((points_wide / 72, points_high / 72), abs=0.01)
-    assert b"<dc:date>" not in written[1].read_bytes()
-
-
-def test_nothing_is_overwritten_silently(tmp_path: Path) -> None:
-    figure = draw_map(grid_combination(size=3, goal=(2, 2)))
-    (tmp_path / "map.svg").write_text("mine")
-    for name in ("map", "map.svg"):
-        with pytest.raises(OutputError, match=r"map\.svg: exists already"):
-            save_figure(figure, tmp_path / name)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["map.svg"]
-    assert (tmp_path / "map.svg").read_text() == "mine"
-    save_figure(figure, tmp_path / "map.svg", force=True)
-    assert (tmp_path / "map.svg").read_text().startswith("<?xml")
-
-
-def test_a_place_or_format_that_can_not_be_written_is_refused(tmp_path: Path) -> None:
-    figure = draw_map(grid_combination(size=3, goal=(2, 2)))
-    with pytest.raises(OutputError, match=r"pdf is not offered; allowed: \.png, \.svg"):
-        save_figure(figure, tmp_path / "map.pdf")
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="can't be written"):
-        save_figure(figure, tmp_path / "file" / "map.svg")

@@ -14,6 +14,7 @@ from merap.errors import ModelError
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import backward_induction, value_iteration
+from merap.report.geometry import offset_line
 from merap.report.path import RoutePath, most_likely_path, sampled_path
 from tests.hand_made import cells, graph_combination, grid_combination, number
 
@@ -153,3 +154,12 @@ def test_a_policy_of_another_shape_is_refused() -> None:
         most_likely_path(mdp, ONE_WAY, np.ones((9, 6)), 10)
     with pytest.raises(ModelError, match=r"shape \(4, 10, 6\), not \(5, 10, 6\)"):
         most_likely_path(mdp, ONE_WAY, np.ones((4, 10, 6)), 5)
+
+
+def test_offset_lines_have_mitres_and_bevels() -> None:
+    # A left turn, moved to the right by 0.1, worked out by hand; then a turn back.
+    corner = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.1)
+    np.testing.assert_allclose(corner[1:4:2], [[0.0, -0.1], [1.1, -0.1]], atol=1e-12)
+    np.testing.assert_allclose(corner[-1], [1.1, 1.0])
+    back = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]), 0.1)
+    np.testing.assert_allclose(back[2:4], [[1.0, -0.1], [1.0, 0.1]], atol=1e-12)

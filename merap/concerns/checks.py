@@ -110,9 +110,8 @@ def _scope(
 ) -> dict[str, npt.NDArray[Any]]:
     scope: dict[str, npt.NDArray[Any]] = {"mode": mode}
     for attribute in attributes:
-        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
-        scope[attribute.name] = values[here]
-        scope[f"{attribute.name}'"] = values[there]
+        scope[attribute.name] = attribute.readings[here]
+        scope[f"{attribute.name}'"] = attribute.readings[there]
     return scope
 
 

@@ -30,6 +30,11 @@ class Attribute:
     high: float
     values: Floats
 
+    @cached_property
+    def readings(self) -> Bools | Floats:
+        """[P], what expressions read: truth values of a `bool`, else numbers."""
+        return self.values.astype(np.bool_) if self.kind == "bool" else self.values
+
 
 @dataclass(frozen=True)
 class Detector:

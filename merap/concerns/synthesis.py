@@ -8,15 +8,14 @@ Axes: P locations, Q modes, A actions, B branches. State (p, q) has index p * Q 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
-from merap.concerns.combination import END, Combination, Condition, ExternalAction, Outcome
+from merap.concerns.combination import END, Combination, ExternalAction, Outcome
 from merap.concerns.expressions import Constant, evaluate
 from merap.concerns.space import Space
+from merap.concerns.steps import Steps, holds_in_states, scope_of
 from merap.errors import InputError
 from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.assembly import Branches, assemble
@@ -24,7 +23,6 @@ from merap.mdp.graph import reachable_along
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
-Scope = Mapping[str, npt.NDArray[Any]]
 # A computed probability below this is rounding: 1 - 0.9 - 0.1 is -2.8e-17.
 NEGLIGIBLE = 1e-12
 
@@ -91,7 +89,7 @@ def _external(combination: Combination) -> Iterator[Columns]:
     for action in combination.capability.external:
         here, mode = _grid(_where_enabled(action, passable), terminal)
         intended = _successor(combination.space, passable, here, action.outcomes[0])
-        scope = _scope(combination, here, mode, intended, mode)
+        scope = scope_of(combination, here, mode, intended, mode)
         for outcome in action.outcomes:
             there = _successor(combination.space, passable, here, outcome)
             prob = np.broadcast_to(evaluate(outcome.probability, scope), here.shape).astype(np.float64)
@@ -170,7 +168,7 @@ def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools)
     state, action, target, prob = _in_canonical_order(pair, combination)
     keep = (action != end) & ~complete[state]
     state, action, target, prob = state[keep], action[keep], target[keep], prob[keep]
-    step = _Step(combination, state, action, target)
+    step = Steps(combination, state, action, target)
     ended = np.zeros(len(state), dtype=np.int64)
     if combination.objective.ends_after is not None:
         ended = step.holds(combination.objective.ends_after).astype(np.int64)
@@ -230,87 +228,20 @@ def _labels(combination: Combination, complete: Bools) -> dict[str, Bools]:
         "goal": np.repeat(combination.objective.goal, 2 * len(combination.modes)),
     }
     if combination.objective.unsafe is not None:
-        labels["unsafe"] = np.repeat(_holds_in_states(combination, combination.objective.unsafe), 2)
+        labels["unsafe"] = np.repeat(holds_in_states(combination, combination.objective.unsafe), 2)
     return labels
 
 
 def _complete_in(combination: Combination) -> Bools:
     if combination.objective.ends_in is None:
         return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
-    return _holds_in_states(combination, combination.objective.ends_in)
-
-
-def _holds_in_states(combination: Combination, condition: Condition) -> Bools:
-    states = np.arange(combination.space.num_locations * len(combination.modes))
-    return _Step(combination, states, np.zeros_like(states), states).holds(condition)
-
-
-def scope_of_pairs(combination: Combination, there: Ints) -> Scope:
-    """What expressions read in every state (p, q), as columns of length P * Q, when a step keeps the mode.
-
-    Args:
-        combination: whose attributes are read.
-        there: int64 [P], the location a step leads to from each location.
-    """
-    here, mode = _grid(np.arange(combination.space.num_locations), np.arange(len(combination.modes)))
-    return _scope(combination, here, mode, there[here], mode)
+    return holds_in_states(combination, combination.objective.ends_in)
 
 
 def least_reward(combination: Combination) -> float:
     """The smallest reward of any step in any state, reachable or not; at most 0."""
     branches = _with_objective(synthesise_pair(combination), combination, _complete_in(combination))
     return float(np.min(branches.reward, initial=0.0))
-
-
-class _Step:
-    """Steps (s, a, s') as columns of length B, on which conditions and rules are evaluated."""
-
-    def __init__(self, combination: Combination, state: Ints, action: Ints, target: Ints) -> None:
-        num_modes = len(combination.modes)
-        self.combination = combination
-        self.action = action
-        self.here, self.mode = np.divmod(state, num_modes)
-        self.there, self.mode_there = np.divmod(target, num_modes)
-        self.scope = _scope(combination, self.here, self.mode, self.there, self.mode_there)
-
-    def holds(self, condition: Condition) -> Bools:
-        """bool [B]."""
-        mask = np.ones(len(self.here), dtype=np.bool_)
-        for allowed, index in (
-            (condition.at, self.here),
-            (condition.modes, self.mode),
-            (condition.to, self.there),
-            (condition.to_modes, self.mode_there),
-        ):
-            if allowed is not None:
-                mask &= allowed[index]
-        if condition.actions is not None:
-            mask &= np.array([name in condition.actions for name in self.combination.action_names])[
-                self.action
-            ]
-        if condition.where is not None:
-            mask &= evaluate(condition.where, self.scope).astype(np.bool_)
-        return mask
-
-    def rewards(self) -> Floats:
-        """float64 [B]: the value of the first rule that holds, 0 if none does."""
-        rewards = np.zeros(len(self.here))
-        undecided = np.ones(len(self.here), dtype=np.bool_)
-        for rule in self.combination.objective.rules:
-            matching = undecided & self.holds(rule.condition)
-            value = np.broadcast_to(evaluate(rule.value, self.scope), matching.shape)
-            rewards[matching] = value[matching]
-            undecided &= ~matching
-        return rewards
-
-
-def _scope(combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints) -> Scope:
-    scope: dict[str, npt.NDArray[Any]] = {"mode": mode, "mode'": mode_there}
-    for attribute in combination.environment.attributes:
-        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
-        scope[attribute.name] = values[here]
-        scope[f"{attribute.name}'"] = values[there]
-    return scope
 
 
 def _grid(locations: Ints, modes: Ints) -> tuple[Ints, Ints]:

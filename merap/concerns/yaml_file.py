@@ -173,6 +173,8 @@ class _Builder:
     def _scalar(self, node: ScalarNode, read: Callable[[str], Any]) -> Any:
         try:
             value = read(node.value)
+        except UnicodeDecodeError as error:
+            raise self._error(node, "half of a surrogate pair is not text") from error
         except (ValueError, KeyError, OverflowError) as error:
             raise self._error(node, f"{_shortened(node.value)!r} can't be read as a number") from error
         if isinstance(value, int | float) and (not math.isfinite(value) or abs(value) > MAX_NUMBER):
@@ -185,6 +187,11 @@ class _Builder:
         return InputError(message, source=self.source, line=node.start_mark.line + 1)
 
 
+def _joined(text: str) -> str:
+    """Text with the surrogate pairs that JSON escapes a character with as that character."""
+    return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le")
+
+
 def _integer(text: str) -> int:
     digits = text.replace("_", "")
     prefixed = digits.lstrip("+-")[:2].lower() in ("0x", "0o", "0b")
@@ -192,7 +199,7 @@ def _integer(text: str) -> int:
 
 
 _SCALARS: Mapping[str, Callable[[str], Any]] = {
-    "str": str,
+    "str": lambda text: text if text.isascii() else _joined(text),
     "int": _integer,
     "float": lambda text: float(text.replace("_", "").replace(".inf", "inf").replace(".nan", "nan")),
     "bool": lambda text: {"true": True, "false": False}[text.lower()],

@@ -109,7 +109,8 @@ def _attribute(env: gymnasium.Env[Any, Any], name: str) -> Any:
     if not hasattr(env, name):
         title = env.spec.id if env.spec is not None else type(env).__name__
         raise InputError(
-            f"{title} has no {name}, so it can't be imported; FrozenLake, Taxi and CliffWalking can"
+            f"{title} has no {name}: an environment needs P and initial_state_distrib to be imported, "
+            "as FrozenLake, Taxi and CliffWalking have them"
         )
     return getattr(env, name)
 
@@ -146,21 +147,26 @@ def _rows(table: Table) -> _Rows:
 def _columns(table: Table) -> Floats:
     """float64 [6, B]: state, action, probability, next state, reward, terminated."""
     try:
-        # The source is nested Python objects: they are gone through here, once.
-        entries = [
-            (state, action, *branch)
-            for state, actions in _items(table)
-            for action, branches in _items(actions)
-            for branch in branches
-        ]
-    except TypeError as error:
-        raise InputError(f"P must be state -> action -> list of {_ENTRY}: {error}") from error
-    if not entries:
+        entries = _entries(table)
+        odd = next((entry for entry in entries if len(entry) != 6), None)
+        if odd is not None:
+            raise InputError(f"P[{odd[0]}][{odd[1]}] holds {odd[2:]}, not {_ENTRY}")
+        columns = np.array(entries, dtype=np.float64).T
+    except (TypeError, ValueError) as error:
+        raise InputError(f"P must be state -> action -> list of {_ENTRY}, all numbers: {error}") from error
+    if not columns.size:
         raise InputError("P is empty")
-    odd = next((entry for entry in entries if len(entry) != 6), None)
-    if odd is not None:
-        raise InputError(f"P[{odd[0]}][{odd[1]}] holds {odd[2:]}, not {_ENTRY}")
-    return np.array(entries, dtype=np.float64).T
+    return columns
+
+
+def _entries(table: Table) -> list[tuple[Any, ...]]:
+    # The source is nested Python objects: they are gone through here, once.
+    return [
+        (state, action, *branch)
+        for state, actions in _items(table)
+        for action, branches in _items(actions)
+        for branch in branches
+    ]
 
 
 def _items(table: Any) -> Iterable[tuple[Any, Any]]:

@@ -1,6 +1,6 @@
 """Many episodes of one or several models at once, by Gymnasium's vector interface.
 
-Axes: N models, E environments, A actions.
+Axes: N models, B environments, S states, A actions.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ Step = tuple[npt.NDArray[Any], Floats, Bools, Bools, dict[str, Any]]
 
 
 class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
-    """E environments stepped by a few gathers, whatever E is.
+    """B environments stepped by a few gathers, whatever B is.
 
     Distributed as `SyncVectorEnv` of as many `MDPEnv`, but all draw from one generator:
-    `seed` determines all of them together (with E = 1 both give the same episodes). Returned
-    arrays are the caller's. `infos["action_mask"]` is int8 [E, A].
+    `seed` determines all of them together (with B = 1 both give the same episodes). Returned
+    arrays are the caller's. `infos["action_mask"]` is int8 [B, A].
 
     Autoreset as Gymnasium has it: `NEXT_STEP` (the step after an end ignores the action
     and begins an episode, reward 0), `SAME_STEP` (the ending step returns the next
     episode's first observation, and the last one in `infos["final_obs"]`) and `DISABLED`
-    (the caller resets those that ended by `options={"reset_mask": bool [E]}`).
+    (the caller resets those that ended by `options={"reset_mask": bool [B]}`).
 
     Args:
         mdp: one model, or N models of one case; with several, environments
-            n * E / N to (n + 1) * E / N - 1 act on model n.
-        num_envs: E, a multiple of N; by default N.
+            n * B / N to (n + 1) * B / N - 1 act on model n.
+        num_envs: B, a multiple of N; by default N.
         horizon: as in `MDPEnv`.
         observation: as in `MDPEnv`.
-        autoreset_mode: see above.
+        autoreset_mode: see above; or its value, as `SameStep`.
 
     Raises:
         InputError: an argument is not of that form.
@@ -53,7 +53,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         horizon: int | None = None,
         *,
         observation: ObservationKind = "state",
-        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         check_horizon(horizon)
         self.models = (mdp,) if isinstance(mdp, TabularMDP) else tuple(mdp)
@@ -64,8 +64,8 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
                 f"{self.num_envs} environments can't be shared out among {len(self.models)} models"
             )
         self.horizon = horizon
-        self.autoreset_mode = autoreset_mode
-        self.metadata = {"render_modes": [], "autoreset_mode": autoreset_mode}
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.action_names = self._simulator.action_names
         table = observation_table(self.models[0], observation)
         self._table = np.concatenate([table] * len(self.models))  # [N * S, ...]
@@ -74,23 +74,23 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         batch_space = gymnasium.vector.utils.batch_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._model: Ints = np.arange(self.num_envs) * len(self.models) // self.num_envs  # [E]
+        self._model: Ints = np.arange(self.num_envs) * len(self.models) // self.num_envs  # [B]
         self._action_mask = (self._simulator.choice >= 0).astype(np.int8)  # [N * S, A]
         self._limit = np.inf if horizon is None else horizon
-        self._state: Ints | None = None  # [E], None before the first reset
+        self._state: Ints | None = None  # [B], None before the first reset
         self._steps: Ints = np.zeros(self.num_envs, dtype=np.int64)
         self._over: Bools = np.zeros(self.num_envs, dtype=np.bool_)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-        """Begin an episode in every environment, or in those of `options["reset_mask"]`, bool [E].
+        """Begin an episode in every environment, or in those of `options["reset_mask"]`, bool [B].
 
         Raises:
             InputError: the mask isn't of that form, or is given before the first reset.
         """
-        super().reset(seed=seed)
         mask = self._reset_mask(options)
+        super().reset(seed=seed)
         state = self._first_states()
         self._state = state if self._state is None else np.where(mask, state, self._state)
         self._steps[mask] = 0
@@ -101,7 +101,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         """Take an action in every environment.
 
         Args:
-            actions: integers [E]; those of environments about to be reset are ignored.
+            actions: integers [B]; those of environments about to be reset are ignored.
 
         Raises:
             InputError: an action is not enabled, or an environment has to be reset first.
@@ -126,7 +126,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return self._observations(self._state), reward, terminated, truncated, infos
 
     def action_masks(self) -> Bools:
-        """bool [E, A], where an action is enabled now."""
+        """bool [B, A], where an action is enabled now."""
         return self._action_mask[self._started()].astype(np.bool_)
 
     def _started(self) -> Ints:
@@ -149,7 +149,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return mask
 
     def _choices(self, actions: npt.NDArray[Any]) -> Ints:
-        """int64 [E], what is chosen; an arbitrary choice where the action is ignored."""
+        """int64 [B], what is chosen; an arbitrary choice where the action is ignored."""
         state = self._started()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             ended = int(np.flatnonzero(self._over)[0])
@@ -169,7 +169,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return np.maximum(choice, 0)
 
     def _checked(self, actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The actions [E], 0 where they are ignored."""
+        """The actions [B], 0 where they are ignored."""
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise InputError(
                 f"actions must be integers [{self.num_envs}], not {actions.dtype} {list(actions.shape)}"
@@ -214,3 +214,11 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
             "action_mask": action_mask if mask.all() else action_mask * mask[:, np.newaxis],
             "_action_mask": mask.copy(),
         }
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError as error:
+        allowed = ", ".join(known.value for known in AutoresetMode)
+        raise InputError(f"there is no autoreset mode {mode!r}, only {allowed}") from error

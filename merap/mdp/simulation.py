@@ -1,7 +1,6 @@
 """Models of one case laid out for sampling steps: one draw and a few gathers for any number of episodes.
 
-Axes: N models, E episodes side by side, S states, C choices and B branches of all models
-together, A actions without `end`.
+Axes: N models, B episodes side by side, S states, A actions without `end`.
 """
 
 from __future__ import annotations
@@ -37,11 +36,11 @@ class Lottery:
         """An entry of each row by inversion.
 
         Args:
-            row: int64 [E].
-            uniform: float64 [E], in [0, 1).
+            row: int64 [B].
+            uniform: float64 [B], in [0, 1).
 
         Returns:
-            int64 [E], indices of entries.
+            int64 [B], indices of entries.
         """
         entry = self.bound.searchsorted(row + uniform, side="right")
         # row + uniform may be rounded up to row + 1.
@@ -57,8 +56,8 @@ class Simulator:
         choice: int64 [N * S, A], a row of `successors`; -1 where the action is disabled or
             the state is completed.
         successors: the branches of each choice.
-        target: int64 [B], a state's number.
-        reward: float64 [B], r(s, a, s').
+        target: int64 [branches of all models], a state's number.
+        reward: float64 [branches of all models], r(s, a, s').
         completed: bool [N * S], where an episode ends.
         starts: the initial states of each model that have a positive probability.
         start: int64, a state's number for each entry of `starts`.
@@ -79,7 +78,7 @@ class Simulator:
     action_names: tuple[str, ...]
 
     def first_states(self, model: Ints | int, uniform: Floats | float) -> Ints:
-        """int64 [E], initial states of models int64 [E] by draws float64 [E] in [0, 1)."""
+        """int64 [B], initial states of models int64 [B] by draws float64 [B] in [0, 1)."""
         first: Ints = self.start[self.starts.draw(model, uniform)]
         return first
 

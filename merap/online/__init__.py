@@ -1,0 +1,1 @@
+"""Systems that are met online, and policies that adapt to them."""

@@ -112,8 +112,8 @@ def _predicate(window: _Window) -> str:
 
 
 def _cases(window: _Window, texts: Sequence[str]) -> str:
-    used, first, counts = np.unique(window.values, return_index=True, return_counts=True)
-    boxes = {int(value): list(_boxes(window.values == value)) for value in used[np.argsort(first)]}
+    used, places, counts = np.unique(window.values, return_index=True, return_counts=True)
+    boxes = {int(value): list(_boxes(window.values == value)) for value in used[np.argsort(places)]}
     default = int(used[np.argmax(counts)])
     others = [value for value in boxes if value != default]
     if sum(len(boxes[value]) for value in others) > MAX_CHAIN:

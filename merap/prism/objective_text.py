@@ -56,7 +56,8 @@ def _actions(writer: StepWriter) -> dict[str, list[Step]]:
     actions = {action.name: [writer.external(action)] for action in capability.external}
     if capability.innate is not None:
         innate = capability.innate
-        actions |= {action.name: writer.innate(action) for action in innate.actions}
+        # One that is defined in no mode would fire on its own if it stood here alone.
+        actions |= {action.name: writer.innate(action) for action in innate.actions if action.transitions}
         if innate.restart:
             start = Branch("1", mode=innate.entry)
             actions[innate.start_action] = [Step(innate.start_action, (start,))]

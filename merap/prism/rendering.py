@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from functools import lru_cache
 from importlib.resources import files
+from itertools import accumulate
 
 import jinja2
 import numpy as np
@@ -11,10 +14,12 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.mdp.model import Bools
 from merap.prism.capability_text import capability_text
-from merap.prism.location_text import predicate
+from merap.prism.location_text import bare, predicate
 from merap.prism.objective_text import objective_text
 from merap.prism.space_text import space_text
-from merap.prism.step_text import StepWriter
+from merap.prism.step_text import StepWriter, conjunction
+
+WIDTH = 120
 
 
 def render(combination: Combination) -> str:
@@ -55,12 +60,39 @@ def _render(combination: Combination, starts: Bools, *, with_objective: bool) ->
             initial=None if fixed_start else _initial(writer, starts),
         )
     )
-    return rendered.rstrip("\n") + "\n"
+    return "\n".join(_wrapped(line) for line in rendered.rstrip("\n").split("\n")) + "\n"
+
+
+def _wrapped(line: str) -> str:
+    """A long line broken where a sum has its terms, then at spaces; comments break where they are made."""
+    if len(line) <= WIDTH or line.lstrip().startswith("//"):
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    terms = _terms(line)
+    lines = [terms[0], *(f"{indent}+ {term}" for term in terms[1:])]
+    return "\n".join(
+        textwrap.fill(
+            part, WIDTH, subsequent_indent=indent + "  ", break_long_words=False, break_on_hyphens=False
+        )
+        for part in lines
+    )
+
+
+def _terms(line: str) -> list[str]:
+    """The line cut at each ` + ` outside parentheses."""
+    depths = list(accumulate((char == "(") - (char == ")") for char in line))
+    cuts = [cut.start() for cut in re.finditer(r" \+ ", line) if depths[cut.start()] == 0]
+    starts = [0, *(cut + 3 for cut in cuts)]
+    return [line[start:stop] for start, stop in zip(starts, [*cuts, len(line)], strict=True)]
 
 
 def _initial(writer: StepWriter, starts: Bools) -> str:
-    mode = writer.combination.capability.initial_mode
-    return f"{predicate(writer.space, starts)} & mode={mode}"
+    terms = [predicate(writer.space, starts), f"mode={writer.combination.capability.initial_mode}"]
+    # A variable of one value has a range of two, as PRISM-games wants it.
+    for name, column in zip(writer.space.variable_names, writer.space.valuations.T, strict=True):
+        if column.max() == 0:
+            terms.append(f"{name}=0")
+    return bare(conjunction(terms))
 
 
 @lru_cache(maxsize=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -13,6 +13,7 @@ from merap.concerns.combination import Combination, Condition, ExternalAction, I
 from merap.concerns.expressions import (
     Constant,
     Expression,
+    Operation,
     Variable,
     evaluate,
     exact,
@@ -21,14 +22,16 @@ from merap.concerns.expressions import (
     render_constant,
 )
 from merap.concerns.space import Attribute
-from merap.concerns.synthesis import NEGLIGIBLE, scope_of_pairs
+from merap.concerns.steps import scope_of
+from merap.concerns.synthesis import NEGLIGIBLE
 from merap.mdp.model import Bools, Ints
-from merap.prism.engine_form import engine_form
+from merap.prism.engine_form import engine_form, is_table
 from merap.prism.lines import Formula
 from merap.prism.location_text import bare, cases, condition_of, predicate
 
+_COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
 # A comparison of two names or numbers, which reads best without spaces: mode=2.
-_COMPARISON = re.compile(r"(?<![-+*/] )\b([A-Za-z_]\w*) (!=|<=|>=|=|<|>) (-?\w+)\b(?!/| [-+*/])")
+_COMPARISON = re.compile(r"(?<![-+*/<>=] )\b([A-Za-z_]\w*) (!=|<=|>=|=|<|>) (-?\w+)\b(?!/| [-+*/<>=!])")
 
 
 @dataclass(frozen=True)
@@ -78,18 +81,28 @@ class StepWriter:
         return Step(action.name, tuple(branches))
 
     def _probability(self, outcome: Outcome, intended: int | None) -> str:
-        """0 where all but a rest of rounding is 0, so that engines drop the outcome there."""
+        """A probability; where arithmetic ends in 0 that is said, as engines round it to something else."""
         text = self.expression(outcome.probability, intended)
-        if isinstance(outcome.probability, Constant):
+        form = self._form(outcome.probability, intended, None, None)
+        if is_table(form):
             return text
-        scope = scope_of_pairs(self.combination, self.there(intended))
-        prob = np.broadcast_to(evaluate(outcome.probability, scope), scope["mode"].shape)
-        rest = ((prob != 0) & (np.abs(prob) < NEGLIGIBLE)).reshape(self.space.num_locations, -1)
         terms = [
             conjunction([predicate(self.space, mask), self.mode_in(modes)])
-            for mask, modes in _groups_of_modes(rest)
+            for mask, modes in _groups_of_modes(self._negligible(form, intended))
         ]
-        return f"({bare(alternatives(terms))} ? 0 : {text})" if terms else text
+        return f"({condition_of(alternatives(terms))} ? 0 : {text})" if terms else text
+
+    def _negligible(self, form: Expression, intended: int | None) -> Bools:
+        """bool [P, Q]: where external actions are possible and a probability is 0, but for rounding."""
+        num_modes = len(self.combination.modes)
+        terminal = np.flatnonzero(self.combination.capability.terminal(num_modes))
+        here = np.repeat(np.arange(self.space.num_locations), len(terminal))
+        mode = np.tile(terminal, self.space.num_locations)
+        scope = scope_of(self.combination, here, mode, self.there(intended)[here], mode)
+        prob = np.broadcast_to(evaluate(form, scope), here.shape)
+        mask = np.zeros((self.space.num_locations, num_modes), dtype=np.bool_)
+        mask[here, mode] = np.abs(prob) < NEGLIGIBLE
+        return mask
 
     def innate(self, action: InnateAction) -> list[Step]:
         """An innate action, from each mode in which it is defined."""
@@ -120,15 +133,24 @@ class StepWriter:
             before: the mode, if it is known.
             after: the successor mode, if it is known.
         """
-        known = {"mode": before, "mode'": after}
-        folded = fold(expression, {name: Fraction(mode) for name, mode in known.items() if mode is not None})
-        form = engine_form(folded)
-        text = _COMPARISON.sub(r"\1\2\3", render(form, self._rename(move)))
+        form = self._form(expression, move, before, after)
+        text = self._text(form, move)
         return text if isinstance(form, Constant | Variable) else f"({text})"
+
+    def _form(
+        self, expression: Expression, move: int | None, before: int | None, after: int | None
+    ) -> Expression:
+        known = {"mode": before, "mode'": before if after is None else after}
+        folded = fold(expression, {name: Fraction(mode) for name, mode in known.items() if mode is not None})
+        unchanged = {"mode'"} if move is not None else {"mode'", *(f"{name}'" for name in self._by_name)}
+        return engine_form(_unprimed(folded, unchanged))
+
+    def _text(self, form: Expression, move: int | None) -> str:
+        return _COMPARISON.sub(r"\1\2\3", render(form, self._rename(move)))
 
     def _rename(self, move: int | None) -> Callable[[str], str]:
         def rename(name: str) -> str:
-            if name.rstrip("'") == "mode":
+            if name == "mode":
                 return "mode"
             attribute = self._by_name[name.rstrip("'")]
             return self._attribute(attribute, move if name.endswith("'") else None)
@@ -140,6 +162,8 @@ class StepWriter:
         name = f"attribute_{attribute.name}" + ("" if move is None else f"_{self.space.moves[move]}")
         while self._names.setdefault(name, (attribute.name, move)) != (attribute.name, move):
             name += "_"  # another attribute and label make the same name
+        if name in self._attributes:
+            return name
         values = attribute.values[self.there(move)]
         if attribute.kind == "bool":
             self._attributes[name] = bare(predicate(self.space, values != 0))
@@ -161,7 +185,7 @@ class StepWriter:
         return alternatives([f"mode={mode}" for mode in np.flatnonzero(modes)])
 
     def holds(self, condition: Condition, action: str, branch: Branch, mode: int | None = None) -> str:
-        """When `condition` holds of a step with that outcome: `true`, `false` or an expression.
+        """When `condition` holds of a step: `true`, `false`, a comparison, or in parentheses.
 
         Args:
             condition: over the step.
@@ -178,8 +202,13 @@ class StepWriter:
             self._in_modes(condition.to_modes, after),
         ]
         if condition.where is not None and "false" not in terms:
-            terms.append(self.expression(condition.where, branch.move, mode, after))
+            terms.append(self._truth(self._form(condition.where, branch.move, mode, after), branch.move))
         return conjunction(terms)
+
+    def _truth(self, form: Expression, move: int | None) -> str:
+        text = self._text(form, move)
+        loose = isinstance(form, Operation) and form.operator not in _COMPARISONS
+        return f"({text})" if loose else text
 
     def _located(self, condition: Condition, move: int | None) -> str:
         mask = np.ones(self.space.num_locations, dtype=np.bool_)
@@ -225,8 +254,20 @@ class StepWriter:
             if condition == "true":
                 last = value
                 break
-            chain += f"{condition_of(condition)} ? {value} : "
-        return f"({chain}{last})" if chain else last
+            chain += f"{condition_of(condition)} ? {condition_of(value)} : "
+        return f"({chain}{condition_of(last)})" if chain else last
+
+
+def _unprimed(expression: Expression, unchanged: Collection[str]) -> Expression:
+    """Variables in `unchanged` without their prime; equal ones compare equal wherever they stood."""
+    if isinstance(expression, Variable):
+        name = expression.name
+        return Variable(name.removesuffix("'") if name in unchanged else name, 0)
+    if isinstance(expression, Constant):
+        return expression
+    return Operation(
+        expression.operator, tuple(_unprimed(argument, unchanged) for argument in expression.arguments)
+    )
 
 
 def _groups_of_modes(mask: Bools) -> list[tuple[Bools, Bools]]:

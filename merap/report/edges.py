@@ -12,7 +12,7 @@ from merap.report.style import GREY, VERMILLION, Entry, mark
 
 
 def draw_edges(panel: Panel) -> list[Entry]:
-    """Edges as lines, one-way ones with an arrow head, blocked ones dashed with a bar across.
+    """Edges as lines, one-way ones with an arrow head, blocked ones dotted with a bar across.
 
     On a grid neighbours touch, so that only the bars are drawn.
     """
@@ -38,9 +38,10 @@ def _draw_lines(panel: Panel) -> None:
     closed = lines.any_blocked & ~lines.forward[:, 1] & ~lines.backward[:, 1]
     for mask, style, colour in ((~closed, "solid", GREY), (closed, "dotted", VERMILLION)):
         chosen = [line for line, wanted in zip(lines.lines, mask, strict=True) if wanted]
-        panel.axes.add_collection(
-            LineCollection(chosen, colors=colour, linestyles=style, linewidths=1.6, zorder=1, gid="edges")
-        )
+        if chosen:
+            panel.axes.add_collection(
+                LineCollection(chosen, colors=colour, linestyles=style, linewidths=1.6, zorder=1, gid="edges")
+            )
 
 
 def _draw_directions(panel: Panel) -> list[Entry]:

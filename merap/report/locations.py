@@ -10,9 +10,8 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, Rectangle
 
 from merap.concerns.combination import Combination
-from merap.concerns.expressions import evaluate
 from merap.concerns.space import Space
-from merap.concerns.synthesis import scope_of_pairs
+from merap.concerns.steps import holds_in_states
 from merap.mdp.model import Bools, Floats
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
@@ -99,20 +98,11 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
 
 def unsafe_locations(combination: Combination) -> Bools:
     """bool [P]: the objective calls a state there unsafe, in some mode."""
-    num_locations, num_modes = combination.space.num_locations, len(combination.modes)
     condition = combination.objective.unsafe
-    unsafe = np.full((num_locations, num_modes), condition is not None)
     if condition is None:
-        return unsafe[:, 0]
-    if condition.at is not None:
-        unsafe &= condition.at[:, None]
-    if condition.modes is not None:
-        unsafe &= condition.modes
-    if condition.where is not None:
-        holds = evaluate(condition.where, scope_of_pairs(combination)).astype(np.bool_)
-        unsafe &= np.broadcast_to(holds, unsafe.size).reshape(unsafe.shape)
-    anywhere: Bools = np.any(unsafe, axis=1)
-    return anywhere
+        return np.zeros(combination.space.num_locations, dtype=np.bool_)
+    in_states = holds_in_states(combination, condition)
+    return np.logical_or.reduceat(in_states, np.arange(0, len(in_states), len(combination.modes)))
 
 
 def _draw_faces(panel: Panel, colouring: Colouring) -> None:

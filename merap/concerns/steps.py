@@ -1,0 +1,87 @@
+"""Steps (s, a, s') as columns, on which expressions, conditions and rewards are evaluated.
+
+Axes: P locations, Q modes, B steps. State (p, q) has index p * Q + q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.concerns.combination import Combination, Condition
+from merap.concerns.expressions import Expression, evaluate
+from merap.mdp.model import Bools, Floats, Ints
+
+Scope = Mapping[str, npt.NDArray[Any]]
+
+
+class Steps:
+    """Steps (s, a, s') as columns of length B, on which conditions and rules are evaluated."""
+
+    def __init__(self, combination: Combination, state: Ints, action: Ints, target: Ints) -> None:
+        num_modes = len(combination.modes)
+        self.combination = combination
+        self.action = action
+        self.here, self.mode = np.divmod(state, num_modes)
+        self.there, self.mode_there = np.divmod(target, num_modes)
+        self.scope = scope_of(combination, self.here, self.mode, self.there, self.mode_there)
+
+    def holds(self, condition: Condition) -> Bools:
+        """bool [B]."""
+        mask = np.ones(len(self.here), dtype=np.bool_)
+        for allowed, index in (
+            (condition.at, self.here),
+            (condition.modes, self.mode),
+            (condition.to, self.there),
+            (condition.to_modes, self.mode_there),
+        ):
+            if allowed is not None:
+                mask &= allowed[index]
+        if condition.actions is not None:
+            mask &= np.array([name in condition.actions for name in self.combination.action_names])[
+                self.action
+            ]
+        if condition.where is not None:
+            mask[mask] = self._evaluated(condition.where, mask)
+        return mask
+
+    def rewards(self) -> Floats:
+        """float64 [B]: the value of the first rule that holds, 0 if none does."""
+        rewards = np.zeros(len(self.here))
+        undecided = np.ones(len(self.here), dtype=np.bool_)
+        for rule in self.combination.objective.rules:
+            matching = undecided & self.holds(rule.condition)
+            rewards[matching] = self._evaluated(rule.value, matching)
+            undecided &= ~matching
+        return rewards
+
+    def _evaluated(self, expression: Expression, mask: Bools) -> npt.NDArray[Any]:
+        """The value in the steps of `mask` alone: elsewhere it may be a division by zero."""
+        return evaluate(expression, {name: column[mask] for name, column in self.scope.items()})
+
+
+def holds_in_states(combination: Combination, condition: Condition) -> Bools:
+    """bool [P * Q]: where a condition on location, mode and attributes holds."""
+    states = np.arange(combination.space.num_locations * len(combination.modes))
+    return Steps(combination, states, np.zeros_like(states), states).holds(condition)
+
+
+def scope_of(combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints) -> Scope:
+    """What expressions read in B steps: attributes and mode, primed of the successor.
+
+    Args:
+        combination: whose attributes are read.
+        here: int64 [B], location.
+        mode: int64 [B].
+        there: int64 [B], the successor's location.
+        mode_there: int64 [B], the successor's mode.
+    """
+    scope: dict[str, npt.NDArray[Any]] = {"mode": mode, "mode'": mode_there}
+    for attribute in combination.environment.attributes:
+        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
+        scope[attribute.name] = values[here]
+        scope[f"{attribute.name}'"] = values[there]
+    return scope
