@@ -130,8 +130,10 @@ def test_counts(tmp_path: Path, replacements: list[tuple[str, str]], shape: tupl
 
 def test_a_sample_is_drawn_from_what_stays_reachable_and_depends_on_the_seed(tmp_path: Path) -> None:
     both = "require_reachable: true\n    sample: 2\n    seed: "
-    drawn = {seed: set(load_grid(tmp_path, ("require_reachable: true", f"{both}{seed}")).supports.environment.names())
-             for seed in range(8)}  # fmt: skip
+    drawn = {}
+    for seed in range(8):
+        case = load_grid(tmp_path, ("require_reachable: true", f"{both}{seed}"))
+        drawn[seed] = set(case.supports.environment.names())
     everything = set(load_grid(tmp_path).supports.environment.names())
     assert all(len(names) == 2 and names < everything for names in drawn.values())
     assert len({frozenset(names) for names in drawn.values()}) > 1
@@ -215,19 +217,29 @@ def test_a_small_memory_resolves_again(tmp_path: Path) -> None:
     assert forgetful[0].parameters == first.parameters
 
 
+NAMED_ENVIRONMENTS = """\
+    open: {blocked: [], blocked_edges: [], lamp: 3}
+    dim: {blocked: [B], blocked_edges: [[A, S]], lamp: 1}
+"""
+GENERATED_ENVIRONMENTS = """\
+    generate:
+      blocked: {choose: 1, from: [B]}
+      blocked_edges: {choose: 1, from: [[S, A], [A, S]]}
+      lamp: {from: [3, 1]}
+"""
+NAMED_CAPABILITIES = """\
+    slow: {grip: 0.9, has_scanner: true, strong: true}
+    fast: {grip: 0.8, has_scanner: false, strong: false}
+"""
+GENERATED_CAPABILITIES = """\
+    generate: {grip: {from: [0.9, 0.05]}, has_scanner: {from: [true]}, strong: {from: [true, false]}}
+"""
+
+
 def test_generated_edges_and_numbers(tmp_path: Path) -> None:
     text = GRAPH[: GRAPH.index("online:")]
-    text = replaced(
-        text,
-        "    open: {blocked: [], blocked_edges: [], lamp: 3}\n    dim: {blocked: [B], blocked_edges: [[A, S]], lamp: 1}\n",
-        "    generate:\n      blocked: {choose: 1, from: [B]}\n"
-        "      blocked_edges: {choose: 1, from: [[S, A], [A, S]]}\n      lamp: {from: [3, 1]}\n",
-    )
-    text = replaced(
-        text,
-        "    slow: {grip: 0.9, has_scanner: true, strong: true}\n    fast: {grip: 0.8, has_scanner: false, strong: false}\n",
-        "    generate: {grip: {from: [0.9, 0.05]}, has_scanner: {from: [true]}, strong: {from: [true, false]}}\n",
-    )
+    text = replaced(text, NAMED_ENVIRONMENTS, GENERATED_ENVIRONMENTS)
+    text = replaced(text, NAMED_CAPABILITIES, GENERATED_CAPABILITIES)
     case = load_case(write_case(tmp_path, text))
     assert list(case.supports.environment.names()) == [
         "blocked_B___blocked_edges_S_east___lamp_3",

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from enum import StrEnum
 from typing import Annotated
 
 import typer
 
-from merap.base.build import build_base, canonical
+from merap.base.build import build_base, canonical, model_of
 from merap.cli import options
 from merap.cli.output import number, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 from merap.concerns.synthesis import synthesise
 from merap.mdp.difference import differences
+from merap.mdp.evaluation import as_policy
+from merap.mdp.planning import backward_induction
 
 Weight = Annotated[float, typer.Option(min=0)]
 
@@ -35,19 +38,45 @@ def validate(case: options.Case) -> None:
     )
 
 
+class Plan(StrEnum):
+    """What may be drawn over the space."""
+
+    none = "none"
+    policy = "policy"
+    path = "path"
+
+
 def show(
     case: options.Case,
     out: options.Out,
     system: options.SystemName = "met",
     attribute: Annotated[str | None, typer.Option(help="Which attribute to colour by.")] = None,
+    optimum: Annotated[Plan, typer.Option(help="Draw an optimal policy, or its path.")] = Plan.none,
     force: options.Force = False,
 ) -> None:
     """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
     from merap.report.map import draw_map
+    from merap.report.path import most_likely_path
     from merap.report.saving import save_figure
 
     study = load_case(case)
-    for written in save_figure(draw_map(study.system(system), attribute=attribute), out, force=force):
+    shown = study.system(system)
+    policy, paths = None, []
+    if optimum is not Plan.none:
+        model = model_of(shown)
+        plan = backward_induction(model, shown.objective.horizon, shown.discount)
+        policy = as_policy(model, plan.actions)
+    if optimum is Plan.path and policy is not None:
+        paths = [most_likely_path(model, shown, policy, shown.objective.horizon, label="optimal path")]
+        say(paths[0].text)
+    figure = draw_map(
+        shown,
+        attribute=attribute,
+        policy=policy[0] if optimum is Plan.policy and policy is not None else None,
+        paths=paths,
+        title=f"{study.name}: {shown.name}",
+    )
+    for written in save_figure(figure, out, force=force):
         say(f"wrote {written}")
 
 
