@@ -69,7 +69,7 @@ NAMES: list[Row] = [
     ("goal: locations", "goal: real", "goal: real", "objective.parameters.goal", "of type location or locations, not real"),
     ("    slow:", "    slow-1:", "slow-1", "capability.configurations.slow-1", "illegal name 'slow-1'"),
     ("    fast:", "    slow:", "slow: {grip: 0.8", "", "the key 'slow' stands twice"),
-    ("  met: {env", "  g: {env", "g: {env", "online.g", "duplicate name 'g'"),
+    ("  met:\n    env", "  g:\n    env", "online:\n", "online.g", "duplicate name 'g'"),
     ("{soon:", "{too soon:", "too soon", "objective.properties.too soon", "illegal name 'too soon' of a property"),
 ]
 
@@ -120,10 +120,10 @@ STARTS: list[Row] = [
     ("start: {S: 0.75, A: 0.25}", "start: [S, A]", "start", "objective.start", "expected a location, a mapping"),
     ("  start: {S: 0.75, A: 0.25}\n", "", "objective:", "objective", "key 'start' is missing"),
     ("dim: {blocked: [B]", "dim: {blocked: [B, A]", "dim", "environment.configurations.dim.blocked", "the start location A is blocked (environment dim)"),
-    ("start: S, horizon: 20", "start: A", "  met: {env", "online.met", "the start location A is blocked"),
-    ("capability: slow, obj", "capability: slwo, obj", "slwo", "online.met.capability", "unknown configuration 'slwo' of capability; did you mean 'slow'"),
-    ("capability: slow, obj", "obj", "  met: {", "online.met", "key 'capability' is missing, and capability has 2 configurations"),
-    ("lamp: 0}, capability", "lamp: 0, lump: 1}, capability", "lump", "online.met.environment.lump", "unknown parameter 'lump'"),
+    ("    start: S\n    horizon: 20\n", "    start: A\n", "  met:", "online.met", "the start location A is blocked"),
+    ("capability: slow\n", "capability: slwo\n", "slwo", "online.met.capability", "unknown configuration 'slwo' of capability; did you mean 'slow'"),
+    ("    capability: slow\n", "", "  met:", "online.met", "key 'capability' is missing, and capability has 2 configurations"),
+    ("lamp: 0}", "lamp: 0, lump: 1}", "lump", "online.met.environment.lump", "unknown parameter 'lump'"),
 ]
 
 GENERATED: list[Row] = [
@@ -141,7 +141,7 @@ GENERATED: list[Row] = [
     ("grid: {rows: 3", "grid: {rows: 1000000", "  grid:", "space.grid.rows", "at most 1000, got 1000000"),
     ("right: [0, 1]}}", "right: [0, 0]}}", "  grid:", "space.grid.moves.right", "leads nowhere"),
     ("no_entry_r2c0, obj", "no_entry_r9c9, obj", "  met:", "online.met.capability", "unknown configuration 'no_entry_r9c9' of capability"),
-    ("blocked_r0c1_r1c1,", "blocked_r0c1_r1c0,", "covered", "online.covered.environment", "unknown configuration 'blocked_r0c1_r1c0'"),
+    ("blocked_r0c1_r1c1,", "blocked_r0c1_r1c0,", "  covered:\n", "online.covered.environment", "unknown configuration 'blocked_r0c1_r1c0'"),
 ]
 
 ON_THE_GRAPH = [*KEYS_AND_TYPES, *SPACE, *NAMES, *EXPRESSIONS, *CAPABILITY, *STARTS]

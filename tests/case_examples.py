@@ -35,7 +35,8 @@ objective:
   configurations: {generate: {goal: {from: [[2, 2], [0, 2]]}}}
 online:
   met: {environment: {blocked: [[1, 1]]}, capability: no_entry_r2c0, objective: {goal: [2, 2]}}
-  covered: {environment: blocked_r0c1_r1c1, capability: {no_entry: [[2, 1]]}, objective: {goal: [2, 2]}, horizon: 6}
+  covered:
+    {environment: blocked_r0c1_r1c1, capability: {no_entry: [[2, 1]]}, objective: {goal: [2, 2]}, horizon: 6}
 """
 
 # A graph of four locations with everything a case can have.
@@ -102,7 +103,12 @@ objective:
     g: {goal: [G], bonus: 0.5}
     ab: {goal: [A, B], bonus: -1}
 online:
-  met: {environment: {blocked: [A], blocked_edges: [], lamp: 0}, capability: slow, objective: g, start: S, horizon: 20}
+  met:
+    environment: {blocked: [A], blocked_edges: [], lamp: 0}
+    capability: slow
+    objective: g
+    start: S
+    horizon: 20
 """
 
 

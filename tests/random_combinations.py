@@ -112,12 +112,12 @@ def _mask(generator: Generator, size: int, share: float) -> Bools:
 
 
 def _grid(generator: Generator) -> Space:
-    rows, columns = generator.integers(1, 5, size=2).tolist()
+    rows, columns = generator.choice([1, 3, 4, 5], size=2).tolist()
     return replace(grid_space((rows, columns)), attributes=_attributes(generator, rows * columns))
 
 
 def _graph(generator: Generator) -> Space:
-    size, labels = int(generator.integers(1, 11)), int(generator.integers(1, 5))
+    size, labels = int(generator.choice([1, 2, 6, 9, 12])), int(generator.integers(2, 5))
     target = generator.integers(0, size, size=(size, labels))
     target[generator.random((size, labels)) < 0.2] = -1
     return Space(
@@ -166,7 +166,7 @@ def _truth(generator: Generator, *, primed: bool) -> str:
 
 def _external(generator: Generator, space: Space) -> tuple[ExternalAction, ...]:
     actions = [
-        _action(generator, f"act{index}", len(space.moves)) for index in range(int(generator.integers(1, 6)))
+        _action(generator, f"act{index}", len(space.moves)) for index in range(int(generator.integers(2, 6)))
     ]
     return (ExternalAction("wait", (Outcome(None, number(1)),), "stay"), *actions)
 
@@ -219,7 +219,8 @@ def _objective(generator: Generator, draft: Combination) -> Objective:
         ends_in=_maybe(
             generator,
             replace(
-                _condition(generator, draft, steps=False), at=_mask(generator, draft.space.num_locations, 0.2)
+                _condition(generator, draft, steps=False),
+                at=_mask(generator, draft.space.num_locations, 0.15),
             ),
         ),
         unsafe=_maybe(generator, _condition(generator, draft, steps=False)),

@@ -198,8 +198,10 @@ def test_a_negative_constant_gets_parentheses_inside_an_operation() -> None:
 
 # Quarters: doubles hold them and their products exactly, so both routes must agree to the bit.
 quarters = st.integers(-12, 12).map(lambda numerator: Constant(Fraction(numerator, 4)))
-numbers = st.sampled_from([Variable("x", 1), Variable("z", 1)]) | quarters
-truths = st.sampled_from([Variable("y", 1), Constant(True), Constant(False)])
+numbers: st.SearchStrategy[Expression] = st.one_of(
+    st.sampled_from([Variable("x", 1), Variable("z", 1)]), quarters
+)
+truths: st.SearchStrategy[Expression] = st.sampled_from([Variable("y", 1), Constant(True), Constant(False)])
 
 
 def _grow_numbers(depth: int) -> st.SearchStrategy[Expression]:
@@ -241,7 +243,11 @@ def test_text_parses_back_to_the_same_function(expression: Expression) -> None:
 @given(expression=_grow_truths(3), row=st.integers(0, len(X) - 1))
 def test_folding_agrees_with_evaluation(expression: Expression, row: int) -> None:
     """Second route: exact fractions in one row against doubles in all rows."""
-    constants = {"x": Fraction(int(X[row])), "z": Fraction(int(Z[row])), "y": bool(Y[row])}
+    constants: dict[str, Fraction | bool] = {
+        "x": Fraction(int(X[row])),
+        "z": Fraction(int(Z[row])),
+        "y": bool(Y[row]),
+    }
     folded = fold(expression, constants)
     values = np.broadcast_to(evaluate(expression, SCOPE), X.shape)
     assert folded == Constant(bool(values[row]))

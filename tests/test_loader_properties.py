@@ -19,7 +19,9 @@ from merap.errors import MerapError
 from tests.case_examples import GRAPH, GRID
 
 # The size of the temporary folder does not matter, and machines that run tests may be slow.
-RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+RELAXED = settings(
+    deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 FEW = settings(RELAXED, max_examples=25)
 MANY = settings(RELAXED, max_examples=100)
 
@@ -107,7 +109,7 @@ def test_arbitrary_trees(tmp_path: Path, tree: Any) -> None:
 
 
 @FEW
-@given(tree=st.fixed_dictionaries({key: trees for key in case_schema()["properties"]}))
+@given(tree=st.fixed_dictionaries(dict.fromkeys(case_schema()["properties"], trees)))
 def test_arbitrary_concerns(tmp_path: Path, tree: Any) -> None:
     load_or_refuse(tmp_path, json.dumps(tree).encode())
 

@@ -269,7 +269,7 @@ def test_reachability_agrees_with_networkx(tmp_path_factory: pytest.TempPathFact
     expected = []
     for environment in range(6):
         moves = passable(space, closed[environment], closed_edges[environment])
-        graph = nx.DiGraph()
+        graph: nx.DiGraph[int] = nx.DiGraph()
         graph.add_nodes_from(range(space.num_locations))
         graph.add_edges_from((int(p), int(space.target[p, label])) for p, label in np.argwhere(moves))
         found = nx.descendants(graph, 0) | {0}

@@ -7,18 +7,19 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from merap.errors import OutputError
 
 MANIFEST = "manifest.json"
+STAGING = ".merap-"
 
 
 @contextmanager
 def result_folder(path: Path, kind: str) -> Iterator[Path]:
-    """Yield an empty folder that takes the place of `path` when the block succeeds.
+    """Yield an empty folder whose files take the place of those in `path` when the block succeeds.
 
     `path` may be absent, empty, or hold an earlier result of the same kind and nothing else.
 
@@ -29,22 +30,39 @@ def result_folder(path: Path, kind: str) -> Iterator[Path]:
     Raises:
         OutputError: `path` holds something else, or can't be written.
     """
-    _require_replaceable(path, kind)
+    with _writing(path):
+        _require_replaceable(path, kind)
+        staging = Path(tempfile.mkdtemp(prefix=STAGING, dir=_nearest_folder(path)))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-    except OSError as error:
-        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
-    try:
-        yield staging
-        staging.chmod(0o755)
-        if path.exists():
-            shutil.rmtree(path)
-        staging.rename(path)
-    except OSError as error:
-        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
+        with _writing(path):
+            yield staging
+            _take_place(staging, path, kind)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: can't be written: {error.strerror or error}") from error
+
+
+def _nearest_folder(path: Path) -> Path:
+    """`path` itself or the nearest folder above it that exists: the same file system."""
+    return next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
+
+
+def _take_place(staging: Path, path: Path, kind: str) -> None:
+    # The folder itself stays: it may be a mount, or somebody's working directory.
+    path.mkdir(parents=True, exist_ok=True)
+    stale = _files_of_result(path, kind)
+    fresh = {entry.name for entry in staging.iterdir()}
+    for name in sorted(fresh, key=lambda name: name == MANIFEST):
+        (staging / name).replace(path / name)
+    for name in stale - fresh:
+        (path / name).unlink(missing_ok=True)
 
 
 def write_manifest(folder: Path, kind: str, content: Mapping[str, Any], files: Sequence[str]) -> None:
@@ -64,8 +82,13 @@ def _require_replaceable(path: Path, kind: str) -> None:
         return
     if not path.is_dir():
         raise OutputError(f"{path}: is a file, expected a folder")
-    present = {entry.name for entry in path.iterdir()}
-    strangers = sorted(present - _files_of_result(path, kind))
+    known = _files_of_result(path, kind)
+    strangers = sorted(
+        entry.name
+        for entry in path.iterdir()
+        # a folder called STAGING... is left of a run that was killed
+        if not entry.name.startswith(STAGING) and not (entry.name in known and entry.is_file())
+    )
     if strangers:
         raise OutputError(f"{path}: holds something else ({strangers[0]}); choose an empty folder")
 
@@ -87,14 +110,17 @@ def write_file(path: Path, content: str, *, force: bool = False) -> None:
     Raises:
         OutputError: it exists and `force` is not set, or can't be written.
     """
-    if path.exists() and not force:
-        raise OutputError(f"{path}: exists already; choose another name or remove it")
-    staging = path.with_name(f".{path.name}.part")
-    try:
+    with _writing(path):
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder, expected the name of a file")
+        if path.exists() and not force:
+            raise OutputError(f"{path}: exists already; choose another name or remove it")
+    staging = path.with_name(f"{STAGING}{path.name}")
+    with _writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        staging.write_text(content, encoding="utf-8")
-        staging.replace(path)
-    except OSError as error:
-        with suppress(OSError):
+        try:
+            staging.write_text(content, encoding="utf-8")
+            staging.replace(path)
+        except OSError:
             staging.unlink(missing_ok=True)
-        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
+            raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Literal
 
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
 from merap.concerns.document import KeyPath
@@ -14,7 +14,7 @@ from merap.concerns.frame import Frame, expression_kinds
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.schema import CapabilitySpec
-from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec
+from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 
@@ -23,13 +23,22 @@ ONE = Constant(Fraction(1))
 
 
 @dataclass(frozen=True, eq=False)
+class OutcomeTemplate:
+    """One thing an action can lead to, with its place in the file."""
+
+    path: KeyPath
+    move: int | None
+    probability: Expression
+
+
+@dataclass(frozen=True, eq=False)
 class ActionTemplate:
     """An external action before parameters are put in."""
 
     name: str
     requires: Expression
-    on_blocked: Any
-    outcomes: tuple[tuple[KeyPath, int | None, Expression], ...]
+    on_blocked: Literal["stay", "disable"]
+    outcomes: tuple[OutcomeTemplate, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,30 +69,38 @@ class CapabilityResolver:
 
     def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
         path = ("capability", "actions", name)
-        kinds = {**self.kinds, **self.frame.variable_kinds(primed=("attributes",))}
         requires = self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool")
-        if spec.stay is not None:
-            outcomes: tuple[tuple[KeyPath, int | None, Expression], ...] = ((path, None, ONE),)
-        elif spec.outcomes is not None:
-            outcomes = tuple(
-                (
-                    (*path, "outcomes", index),
-                    self._move((*path, "outcomes", index, "move"), outcome.move),
-                    self.frame.compile(
-                        (*path, "outcomes", index, "probability"), outcome.probability, kinds, "number"
-                    ),
-                )
-                for index, outcome in enumerate(spec.outcomes)
-            )
+        if spec.outcomes is not None:
+            outcomes = self._listed_outcomes((*path, "outcomes"), spec.outcomes)
+        elif spec.move is not None:
+            outcomes = self._move_or_otherwise(path, spec.move, spec)
         else:
-            assert spec.move is not None
-            given = 1 if spec.probability is None else spec.probability
-            probability = self.frame.compile((*path, "probability"), given, kinds, "number")
-            move = self._move((*path, "move"), spec.move)
-            otherwise = self._move((*path, "otherwise"), spec.otherwise or STAY)
-            complement = Operation("-", (ONE, probability))
-            outcomes = ((path, move, probability), (path, otherwise, complement))
+            outcomes = (OutcomeTemplate(path, None, ONE),)
         return ActionTemplate(name, requires, spec.on_blocked, outcomes)
+
+    def _listed_outcomes(self, path: KeyPath, specs: tuple[OutcomeSpec, ...]) -> tuple[OutcomeTemplate, ...]:
+        return tuple(
+            OutcomeTemplate(
+                (*path, index),
+                self._move((*path, index, "move"), spec.move),
+                self._probability((*path, index, "probability"), spec.probability),
+            )
+            for index, spec in enumerate(specs)
+        )
+
+    def _move_or_otherwise(self, path: KeyPath, label: str, spec: ActionSpec) -> tuple[OutcomeTemplate, ...]:
+        probability = self._probability(
+            (*path, "probability"), 1 if spec.probability is None else spec.probability
+        )
+        otherwise = self._move((*path, "otherwise"), spec.otherwise or STAY)
+        return (
+            OutcomeTemplate(path, self._move((*path, "move"), label), probability),
+            OutcomeTemplate(path, otherwise, Operation("-", (ONE, probability))),
+        )
+
+    def _probability(self, path: KeyPath, given: float | str) -> Expression:
+        kinds = {**self.kinds, **self.frame.variable_kinds(primed=("attributes",))}
+        return self.frame.compile(path, given, kinds, "number")
 
     def _move(self, path: KeyPath, label: str) -> int | None:
         if label == STAY:
@@ -103,23 +120,28 @@ class CapabilityResolver:
         )
         return InnateTemplate(
             requires=self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool"),
-            entry=self._mode((*path, "entry"), spec.entry or spec.modes[0]),
-            initial=self._mode((*path, "initial"), spec.initial or spec.modes[0]),
+            entry=0 if spec.entry is None else self._mode((*path, "entry"), spec.entry),
+            initial=0 if spec.initial is None else self._mode((*path, "initial"), spec.initial),
             terminal=terminal,
-            restart=len(terminal) < len(spec.modes) if spec.restart is None else spec.restart,
+            restart=restarts(spec),
             actions={
                 action: {
-                    self._mode((*path, "actions", action, mode), mode): {
-                        self._mode((*path, "actions", action, mode, target), target): self.frame.compile(
-                            (*path, "actions", action, mode, target), probability, self.kinds, "number"
-                        )
-                        for target, probability in row.items()
-                    }
+                    self._mode((*path, "actions", action, mode), mode): self._row(
+                        (*path, "actions", action, mode), row
+                    )
                     for mode, row in rows.items()
                 }
                 for action, rows in spec.actions.items()
             },
         )
+
+    def _row(self, path: KeyPath, row: Mapping[str, float | str]) -> dict[int, Expression]:
+        return {
+            self._mode((*path, mode), mode): self.frame.compile(
+                (*path, mode), probability, self.kinds, "number"
+            )
+            for mode, probability in row.items()
+        }
 
     def _mode(self, path: KeyPath, name: str) -> int:
         if name not in self.frame.modes:
@@ -162,8 +184,8 @@ class CapabilityResolver:
         if not self._holds(("capability", "actions", template.name), name, template.requires, known):
             return None
         outcomes = [
-            Outcome(move, self._fold(path, name, probability, known))
-            for path, move, probability in template.outcomes
+            Outcome(outcome.move, self._fold(outcome.path, name, outcome.probability, known))
+            for outcome in template.outcomes
         ]
         # The first outcome says what is intended, so it stays even if it is impossible.
         likely = [outcome for outcome in outcomes[1:] if outcome.probability != Constant(Fraction(0))]
@@ -212,7 +234,7 @@ class CapabilityResolver:
     def names_read(self) -> set[str]:
         """Names of the parameters that expressions read."""
         found = [template.requires for template in self.actions]
-        found += [probability for template in self.actions for _, _, probability in template.outcomes]
+        found += [outcome.probability for template in self.actions for outcome in template.outcomes]
         if self.innate is not None:
             found.append(self.innate.requires)
             rows = [row for rows in self.innate.actions.values() for row in rows.values()]

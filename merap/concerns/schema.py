@@ -57,6 +57,13 @@ class GeneratedSpec(Spec):
 
 
 NamedSpec: TypeAlias = dict[Name, dict[str, Any]]
+_NAMED_SCHEMA = {
+    "type": "object",
+    "description": "name: values of the parameters",
+    "minProperties": 1,
+    "propertyNames": {"pattern": "^(?!generate$)[A-Za-z_][A-Za-z0-9_]*$"},
+    "additionalProperties": {"type": "object"},
+}
 
 
 def _configurations_kind(value: Any) -> str | None:
@@ -68,7 +75,8 @@ def _configurations_kind(value: Any) -> str | None:
 
 
 Configurations = Annotated[
-    Annotated[GeneratedSpec, Tag("<generated>")] | Annotated[NamedSpec, Tag("<named>")],
+    Annotated[GeneratedSpec, Tag("<generated>")]
+    | Annotated[NamedSpec, Tag("<named>"), WithJsonSchema(_NAMED_SCHEMA)],
     Discriminator(
         _configurations_kind,
         custom_error_type="merap",

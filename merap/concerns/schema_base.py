@@ -159,7 +159,6 @@ _SET_SCHEMA = {
 }
 
 Name = Annotated[str, WithJsonSchema({"type": "string", "pattern": IDENTIFIER})]
-Location = Annotated[LocationRef, PlainValidator(location_ref), WithJsonSchema(_REF_SCHEMA)]
 Locations = Annotated[LocationSet, PlainValidator(location_set), WithJsonSchema(_SET_SCHEMA)]
 Number = Annotated[
     int | float | str,

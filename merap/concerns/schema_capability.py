@@ -80,3 +80,10 @@ class InnateSpec(Spec):
     requires: Truth = Field(
         default=True, description="condition on the parameters; where it is false the automaton is lacking"
     )
+
+
+def restarts(spec: InnateSpec) -> bool:
+    """Whether `start_<name>` exists."""
+    if spec.restart is not None:
+        return spec.restart
+    return spec.terminal is not None and not set(spec.modes) <= set(spec.terminal)

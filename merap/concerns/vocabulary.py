@@ -9,6 +9,7 @@ from merap.concerns.frame import MODE
 from merap.concerns.names import check_emitted_name, check_name
 from merap.concerns.parameters import ParameterTypes
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
+from merap.concerns.schema_capability import restarts
 from merap.concerns.space import Space
 from merap.errors import InputError
 
@@ -30,19 +31,9 @@ def action_names(spec: CapabilitySpec) -> tuple[str, ...]:
     names = list(spec.actions)
     if spec.innate is not None:
         names += spec.innate.actions
-        if restarts(spec):
+        if restarts(spec.innate):
             names.append(f"start_{spec.innate.name}")
     return tuple(names)
-
-
-def restarts(spec: CapabilitySpec) -> bool:
-    """Whether `start_<automaton>` exists."""
-    innate = spec.innate
-    if innate is None:
-        return False
-    if innate.restart is not None:
-        return innate.restart
-    return innate.terminal is not None and set(innate.terminal) < set(innate.modes)
 
 
 def check_vocabulary(document: Document, spec: CaseSpec, space: Space) -> None:

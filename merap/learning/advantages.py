@@ -33,7 +33,9 @@ def discounted_sums(terms: Tensor, discount: float) -> Tensor:
     return terms @ (discount ** ahead.to(terms.dtype)).tril()
 
 
-def baseline_values(episodes: Episodes, to_go: Tensor, num_states: int, baseline: Baseline, ridge: float) -> Tensor:
+def baseline_values(
+    episodes: Episodes, to_go: Tensor, num_states: int, baseline: Baseline, ridge: float
+) -> Tensor:
     """What the return-to-go was to be expected to be, fitted to the episodes of each task.
 
     Args:

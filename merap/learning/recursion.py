@@ -83,9 +83,7 @@ def gradient(evaluation: Evaluation, occupancy: Array, problem: Problem) -> Arra
     return problem.reward * visits + _future([(occupancy, evaluation.values)], problem)
 
 
-def hessian_product(
-    evaluation: Evaluation, occupancy: Array, direction: Array, problem: Problem
-) -> Array:
+def hessian_product(evaluation: Evaluation, occupancy: Array, direction: Array, problem: Problem) -> Array:
     """float [S, A]: the Hessian of J with respect to pi times a direction [S, A].
 
     With a dot for the derivative along the direction,

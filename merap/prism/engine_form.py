@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from merap.concerns.expressions import Constant, Expression, Operation, fold
+from merap.concerns.expressions import Constant, Expression, Operation, Variable, fold
 
 _DISTRIBUTED = frozenset({"+", "-", "*", "neg", "min", "max"})
 _OF_EQUALS = {"=": True, "<=": True, ">=": True, "!=": False, "<": False, ">": False}
@@ -15,19 +15,26 @@ def engine_form(expression: Expression) -> Expression:
     complement is impossible. `mod(a, b)` becomes `a - b * floor(a / b)`, since Storm's own `mod`
     is wrong where an argument is below 0. Truth values that are known are left out.
     """
-    if not isinstance(expression, Operation):
+    if isinstance(expression, Variable):
+        return Variable(expression.name, 0)  # so that it equals the same name elsewhere
+    if isinstance(expression, Constant):
         return expression
-    form = Operation(expression.operator, tuple(engine_form(argument) for argument in expression.arguments))
-    if form.operator == "mod":
-        left, right = form.arguments
-        quotient = Operation("floor", (Operation("/", (left, right)),))
-        return engine_form(Operation("-", (left, Operation("*", (right, quotient)))))
-    if form.operator in _DISTRIBUTED or (form.operator == "/" and _is_not_zero(form.arguments[1])):
+    return _simplified(
+        Operation(expression.operator, tuple(engine_form(argument) for argument in expression.arguments))
+    )
+
+
+def _simplified(form: Operation) -> Expression:
+    symbol, arguments = form.operator, form.arguments
+    if symbol == "mod":
+        quotient = Operation("floor", (Operation("/", arguments),))
+        return engine_form(Operation("-", (arguments[0], Operation("*", (arguments[1], quotient)))))
+    if symbol in _DISTRIBUTED or (symbol == "/" and _is_not_zero(arguments[1])):
         return _distributed(form)
-    if form.operator in ("&", "|"):
+    if symbol in ("&", "|"):
         return _logical(form)
-    if form.operator in _OF_EQUALS and form.arguments[0] == form.arguments[1]:
-        return Constant(_OF_EQUALS[form.operator])
+    if symbol in _OF_EQUALS and arguments[0] == arguments[1]:
+        return Constant(_OF_EQUALS[symbol])
     return fold(form, {})
 
 

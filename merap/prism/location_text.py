@@ -2,12 +2,13 @@
 
 Locations are written as boxes of rows and columns on a grid and as runs of numbers on a graph,
 never one by one: at 100 x 100 cells that builds hundreds of times faster. A chain that would be
-long is split in halves, since Storm's parser overflows its stack on a chain of thousands.
+long is split in halves: Storm evaluates it link by link (500 links build five times slower than
+64), and its parser overflows the stack on a chain of thousands.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -16,7 +17,7 @@ import numpy as np
 from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
 
-MAX_CHAIN = 500
+MAX_CHAIN = 64
 Box = tuple[int, int, int, int]  # first and last row, first and last column
 
 
@@ -100,21 +101,21 @@ def _bounds(name: str, first: int, last: int, end: int, offset: int) -> list[str
 
 
 def _predicate(window: _Window) -> str:
-    inside, outside = list(_boxes(window.values != 0)), list(_boxes(window.values == 0))
-    if not inside or not outside:
-        return "true" if inside else "false"
-    if min(len(inside), len(outside)) > MAX_CHAIN:
+    boxes = _boxes(window.values)
+    if len(boxes) == 1:
+        return "true" if 1 in boxes else "false"
+    if min(len(boxes[0]), len(boxes[1])) > MAX_CHAIN:
         condition, first, second = window.halves()
         return f"({condition} ? {_predicate(first)} : {_predicate(second)})"
-    if len(inside) <= len(outside):
-        return window.union(inside)
-    return f"!({bare(window.union(outside))})"
+    if len(boxes[1]) <= len(boxes[0]):
+        return window.union(boxes[1])
+    return f"!({bare(window.union(boxes[0]))})"
 
 
 def _cases(window: _Window, texts: Sequence[str]) -> str:
-    used, places, counts = np.unique(window.values, return_index=True, return_counts=True)
-    boxes = {int(value): list(_boxes(window.values == value)) for value in used[np.argsort(places)]}
-    default = int(used[np.argmax(counts)])
+    boxes = _boxes(window.values)
+    counts = {value: sum(map(_size, parts)) for value, parts in boxes.items()}
+    default = max(counts, key=lambda value: counts[value])
     others = [value for value in boxes if value != default]
     if sum(len(boxes[value]) for value in others) > MAX_CHAIN:
         condition, first, second = window.halves()
@@ -123,17 +124,30 @@ def _cases(window: _Window, texts: Sequence[str]) -> str:
     return f"({chain}{texts[default]})" if others else texts[default]
 
 
-def _boxes(mask: Bools) -> Iterator[Box]:
-    """Disjoint boxes that cover `mask` (bool [rows, columns]): runs, equal ones in adjoining rows merged."""
-    growing: dict[tuple[int, int], int] = {}
-    for row in range(len(mask) + 1):
-        runs = _runs(mask[row]) if row < len(mask) else []
+def _size(box: Box) -> int:
+    return (box[1] - box[0] + 1) * (box[3] - box[2] + 1)
+
+
+def _boxes(values: Ints) -> dict[int, list[Box]]:
+    """Disjoint boxes that cover each value of `values` (int64 [rows, columns]), in order of appearance.
+
+    They are runs within a row; equal ones in adjoining rows are merged.
+    """
+    found: dict[int, list[Box]] = {}
+    growing: dict[tuple[int, int, int], int] = {}
+    for row in range(len(values) + 1):
+        runs = dict.fromkeys(_runs(values[row]) if row < len(values) else ())
         for run in [run for run in growing if run not in runs]:
-            yield growing.pop(run), row - 1, *run
+            first, last, value = run
+            found[value].append((growing.pop(run), row - 1, first, last))
         for run in runs:
             growing.setdefault(run, row)
+            found.setdefault(run[2], [])
+    return {value: sorted(boxes) for value, boxes in found.items()}
 
 
-def _runs(row: Bools) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(row.astype(np.int8), prepend=0, append=0))
-    return [(int(begin), int(stop) - 1) for begin, stop in edges.reshape(-1, 2)]
+def _runs(row: Ints) -> list[tuple[int, int, int]]:
+    """First and last column and value of each run of equal values."""
+    begins = np.flatnonzero(np.diff(row, prepend=row[0] - 1))
+    ends = np.append(begins[1:], len(row)) - 1
+    return list(zip(begins.tolist(), ends.tolist(), row[begins].tolist(), strict=True))

@@ -259,11 +259,10 @@ class StepWriter:
 
 
 def _unprimed(expression: Expression, unchanged: Collection[str]) -> Expression:
-    """Variables in `unchanged` without their prime; equal ones compare equal wherever they stood."""
-    if isinstance(expression, Variable):
-        name = expression.name
-        return Variable(name.removesuffix("'") if name in unchanged else name, 0)
-    if isinstance(expression, Constant):
+    """Variables in `unchanged` without their prime."""
+    if isinstance(expression, Variable) and expression.name in unchanged:
+        return Variable(expression.name.removesuffix("'"), expression.column)
+    if not isinstance(expression, Operation):
         return expression
     return Operation(
         expression.operator, tuple(_unprimed(argument, unchanged) for argument in expression.arguments)

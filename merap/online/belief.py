@@ -1,0 +1,176 @@
+"""A joint posterior over what the real domain may be (the analyzer's knowledge of it).
+
+Transitions speak of environment, capability and slip, rewards and ends of the objective.
+The posterior is a product of the two as long as the likelihood of every observation is; an
+observation that couples them (the task ended, and where it ended is not seen) is kept exactly
+in a third term while that has at most `MAX_COUPLED` entries, and shared out to the two above.
+
+Axes as in `belief_space`; E is the number of environments still in play.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from merap.mdp.model import Bools, Floats, Ints
+from merap.online.belief_space import HypothesisSpace
+
+MAX_COUPLED = 4_000_000
+# Environments whose posterior odds against the best are beyond e^-60 are dropped.
+NEGLIGIBLE_LOG = -60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Log-weights, normalised, and the evidence on unknown closed locations.
+
+    Attributes:
+        environments: int64 [E], those in play.
+        dynamics: float64 [E, C, W], log.
+        objective: float64 [O, Y], log, with the noise on rewards.
+        coupled: float64 [E, C, W, O, Y], log, to be added to both; None: independent.
+        closed: float64 [U, V, W, P], log-likelihood ratio of closed to open, by moves.
+        obstacle: float64 [P], log-likelihood ratio of obstacle to none, by detectors.
+        learned: nats by which all observations have changed the belief.
+        unexplained: how many observations no hypothesis allows; they are left out.
+    """
+
+    environments: Ints
+    dynamics: Floats
+    objective: Floats
+    coupled: Floats | None
+    closed: Floats
+    obstacle: Floats
+    learned: float = 0.0
+    unexplained: int = 0
+
+
+def prior_belief(space: HypothesisSpace) -> Belief:
+    """Before anything is observed."""
+    classes = (len(space.attributes), int(space.capability_class.max()) + 1, len(space.slips))
+    return Belief(
+        environments=np.arange(len(space.environment_names)),
+        dynamics=space.prior,
+        objective=space.objective_prior[:, np.newaxis] + np.log(space.noise_prior),
+        coupled=None,
+        closed=np.zeros((*classes, space.space.num_locations)),
+        obstacle=np.zeros(space.space.num_locations),
+    )
+
+
+def weights(belief: Belief) -> tuple[Floats, Floats]:
+    """The marginals: float64 [E, C, W] of the dynamics and [O, Y] of the objective."""
+    if belief.coupled is None:
+        return _softmax(belief.dynamics), _softmax(belief.objective)
+    joint = _softmax(_joint(belief))
+    return joint.sum(axis=(3, 4)), joint.sum(axis=(0, 1, 2))
+
+
+def _joint(belief: Belief) -> Floats:
+    assert belief.coupled is not None
+    return belief.dynamics[..., np.newaxis, np.newaxis] + belief.objective + belief.coupled
+
+
+def _softmax(log: Floats) -> Floats:
+    unnormalised = np.exp(log - log.max())
+    shares: Floats = unnormalised / unnormalised.sum()
+    return shares
+
+
+def concern_weights(space: HypothesisSpace, belief: Belief) -> tuple[Floats, Floats, Floats]:
+    """The marginals of each concern.
+
+    Returns:
+        float64 [all environments], [C] and [O].
+    """
+    dynamics, objective = weights(belief)
+    environment = np.zeros(len(space.environment_names))
+    environment[belief.environments] = dynamics.sum(axis=(1, 2))
+    return environment, dynamics.sum(axis=(0, 2)), objective.sum(axis=1)
+
+
+def reweighted(belief: Belief, dynamics: Floats | None, objective: Floats | None) -> Belief:
+    """Bayes' rule with a likelihood that is a product.
+
+    Args:
+        belief: the prior.
+        dynamics: float64 [E, C, W], likelihood; None: it says nothing.
+        objective: float64 [O, Y], log-likelihood; None: it says nothing.
+
+    Returns:
+        The posterior; the prior with one more unexplained observation if all of it is 0.
+    """
+    with np.errstate(divide="ignore"):
+        told = None if dynamics is None else np.log(dynamics)
+    parts = (
+        belief.dynamics if told is None else belief.dynamics + told,
+        belief.objective if objective is None else belief.objective + objective,
+    )
+    candidate = replace(belief, dynamics=parts[0], objective=parts[1])
+    total = _log_total(candidate)
+    if not np.isfinite(total):
+        return replace(belief, unexplained=belief.unexplained + 1)
+    return _in_play(replace(_normalised(candidate), learned=belief.learned + _news(belief, candidate)))
+
+
+def coupled_by(belief: Belief, likelihood: Floats) -> Belief:
+    """Bayes' rule with a likelihood that is no product.
+
+    Args:
+        belief: the prior.
+        likelihood: float64 [E, C, W, O, Y], log.
+    """
+    before = 0.0 if belief.coupled is None else belief.coupled
+    candidate = replace(belief, coupled=before + likelihood)
+    if not np.isfinite(_log_total(candidate)):
+        return replace(belief, unexplained=belief.unexplained + 1)
+    return _in_play(replace(_normalised(candidate), learned=belief.learned + _news(belief, candidate)))
+
+
+def _log_total(belief: Belief) -> float:
+    if belief.coupled is not None:
+        return float(logsumexp(_joint(belief)))
+    return float(logsumexp(belief.dynamics) + logsumexp(belief.objective))
+
+
+def _normalised(belief: Belief) -> Belief:
+    """Both factors with their largest entry near 0, so that nothing drifts out of range."""
+    return replace(
+        belief,
+        dynamics=belief.dynamics - logsumexp(belief.dynamics),
+        objective=belief.objective - logsumexp(belief.objective),
+    )
+
+
+def _news(before: Belief, after: Belief) -> float:
+    """Kullback-Leibler divergence of the marginals, in nats."""
+    return sum(
+        float(np.sum(new[new > 0] * np.log(new[new > 0] / np.maximum(old[new > 0], 1e-300))))
+        for old, new in zip(weights(before), weights(after), strict=True)
+    )
+
+
+def _in_play(belief: Belief) -> Belief:
+    """Without the environments that are refuted."""
+    if belief.coupled is not None:
+        return belief
+    best = belief.dynamics.max(axis=(1, 2))
+    keep = best > best.max() + NEGLIGIBLE_LOG
+    if keep.sum() > 0.7 * len(keep):
+        return belief
+    return replace(belief, environments=belief.environments[keep], dynamics=belief.dynamics[keep])
+
+
+def open_moves(space: HypothesisSpace, belief: Belief, location: int, moves: tuple[int, ...]) -> Bools:
+    """bool [E, C, k]: the moves that what is known of a hypothesis leaves open at a location."""
+    rows = belief.environments
+    targets = space.space.target[location, list(moves)]
+    exists = targets >= 0
+    closed = space.blocked[rows][:, np.newaxis, targets] | space.no_entry[np.newaxis, :, targets]
+    if space.blocked_edges is not None:
+        closed = closed | space.blocked_edges[rows][:, np.newaxis, location, list(moves)]
+    free: Bools = exists & ~closed
+    return free

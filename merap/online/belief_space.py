@@ -1,0 +1,303 @@
+"""The hypotheses of a belief: the case's support, and what may lie outside it.
+
+Environment: N of the support and, last, one with unknown obstacles. Capability: M of the support
+and, last, for each of V capability classes (equal but for `no_entry`) one with unknown places it
+can't enter. Both unknowns are independent location by location (`belief_cells`). Slip: with
+probability w an action does nothing at all. Objective: K of the support, and the
+same with the goal at any other location.
+
+Axes: E = N + 1 environments, C = M + V capabilities, W slips, O objectives, Y noises, A actions, P, S, U, V
+and K as in `belief_actions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from merap.concerns.case_study import CaseStudy
+from merap.concerns.combination import Combination, Objective
+from merap.concerns.parameters import held_locations
+from merap.concerns.resolve_objective import GOAL
+from merap.concerns.space import Space
+from merap.concerns.steps import Steps, holds_in_states
+from merap.concerns.synthesis import pair_valuations
+from merap.errors import InputError
+from merap.mdp.model import Bools, Floats, Ints
+from merap.online.belief_actions import ActionTable, action_tables
+
+MAX_TABLE = 100_000_000
+# Standard deviations of reward noise, in units of the range of all rewards. The first stands for
+# none: a hundred-thousandth hides rounding and nothing else.
+QUIET = 1e-5
+NOISES = (0.01, 0.02, 0.05, 0.1, 0.2)
+
+
+@dataclass(frozen=True)
+class Outside:
+    """How much of the prior lies outside the base, for each kind of surprise.
+
+    Attributes:
+        environment: obstacles at any location.
+        capability: no entry at any location.
+        objective: the goal at any location.
+        slip: actions that fail more often than the base says.
+        closed: probability that a location is closed under the first two kinds; None: as
+            many locations as the support closes on average, at least one.
+        slips: probabilities of an action to fail, equally likely.
+    """
+
+    environment: float = 0.05
+    capability: float = 0.05
+    objective: float = 0.05
+    slip: float = 0.05
+    closed: float | None = None
+    slips: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+
+    def __post_init__(self) -> None:
+        for name in ("environment", "capability", "objective", "slip"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}")
+        if not self.slips or not all(0 < slip < 1 for slip in self.slips):
+            raise InputError(f"slips must be probabilities in (0, 1), not {self.slips}")
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisSpace:
+    """All hypotheses about the real domain as arrays; made once for a case.
+
+    Attributes:
+        case: the case.
+        space: P locations.
+        variable_names: location and mode, as an observation's valuation has them.
+        valuations: int64 [S + 1, V], the canonical index; the completed state is the last.
+        environment_names: E names, the last is the unknown one.
+        capability_names: C names.
+        objective_names: O names, those of the support first.
+        num_objectives: K of the support.
+        blocked: bool [E, P].
+        blocked_edges: bool [E, P, L]; None if no environment has any.
+        no_entry: bool [C, P].
+        attribute_class: int64 [E], in 0..U - 1.
+        capability_class: int64 [C], in 0..V - 1.
+        attributes: float64 [U, number of attributes, P].
+        slips: float64 [W], the first is 0.
+        actions: a table for each of A actions.
+        reward: float64 [U, O, A, S, K], 0 in slots an action does not have.
+        ends: bool [U, O, A, S, K], the step completes the task.
+        noises: float64 [Y], standard deviations of the noise on rewards.
+        noise_prior: float64 [Y].
+        closed: prior probability of a location to be closed in an unknown way.
+        prior: float64 [E, C, W], log.
+        objective_prior: float64 [O], log.
+        initial: float64 [S], start distribution of the support's first objective.
+    """
+
+    case: CaseStudy
+    space: Space
+    variable_names: tuple[str, ...]
+    valuations: Ints
+    environment_names: tuple[str, ...]
+    capability_names: tuple[str, ...]
+    objective_names: tuple[str, ...]
+    num_objectives: int
+    blocked: Bools
+    blocked_edges: Bools | None
+    no_entry: Bools
+    attribute_class: Ints
+    capability_class: Ints
+    attributes: Floats
+    slips: Floats
+    actions: tuple[ActionTable, ...]
+    reward: Floats
+    ends: Bools
+    noises: Floats
+    noise_prior: Floats
+    closed: float
+    prior: Floats
+    objective_prior: Floats
+    initial: Floats
+
+    @property
+    def num_modes(self) -> int:
+        """Q."""
+        return len(self.case.modes)
+
+    @property
+    def num_states(self) -> int:
+        """S, without the completed state."""
+        return len(self.valuations) - 1
+
+
+def hypothesis_space(
+    case: CaseStudy, outside: Outside | None = None, noise: float | None = None
+) -> HypothesisSpace:
+    """All hypotheses of a case.
+
+    Args:
+        case: the case.
+        outside: prior mass outside the support.
+        noise: standard deviation of the Gaussian noise on rewards; None: it is estimated.
+
+    Raises:
+        InputError: the tables would be too large, or an action has too many moves.
+    """
+    declared = outside or Outside()
+    supports = case.supports
+    environments, capabilities = list(supports.environment), list(supports.capability)
+    attribute_class, attribute_members = _classes([id(one.attributes) for one in environments])
+    capability_class, capability_members = _classes([(one.external, one.innate) for one in capabilities])
+    representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
+    tables = action_tables(representatives)
+    base = list(supports.objective)
+    objectives = [*base, *_other_goals(case)]
+    blocked = np.stack([*(one.blocked for one in environments), np.zeros(case.space.num_locations, np.bool_)])
+    unknown = np.zeros((len(capability_members), case.space.num_locations), dtype=np.bool_)
+    no_entry = np.concatenate([np.stack([one.no_entry for one in capabilities]), unknown])
+    edges = np.stack([one.blocked_edges for one in environments])
+    reward, ends = _objective_tables(representatives, objectives, tables)
+    commonest = int(np.bincount(attribute_class).argmax())
+    noises, noise_prior = _noises(reward, noise)
+    return HypothesisSpace(
+        case=case,
+        space=case.space,
+        variable_names=(*case.space.variable_names, "mode"),
+        valuations=_valuations(representatives[0][0]),
+        environment_names=(*(one.name for one in environments), "unknown obstacles"),
+        capability_names=(
+            *(one.name for one in capabilities),
+            *(f"{capabilities[index].name} with unknown no-entry" for index in capability_members),
+        ),
+        objective_names=tuple(one.name for one in objectives),
+        num_objectives=len(base),
+        blocked=blocked,
+        blocked_edges=np.concatenate([edges, np.zeros_like(edges[:1])]) if edges.any() else None,
+        no_entry=no_entry,
+        attribute_class=np.append(attribute_class, commonest),
+        capability_class=np.append(capability_class, np.arange(len(capability_members))),
+        attributes=np.stack(
+            [np.array([one.values for one in row[0].environment.attributes]) for row in representatives]
+        ),
+        slips=np.array((0.0, *declared.slips)),
+        actions=tables,
+        reward=reward,
+        ends=ends,
+        noises=noises,
+        noise_prior=noise_prior,
+        closed=_closed_share(declared, blocked[:-1], no_entry[: len(capabilities)]),
+        prior=_prior(
+            _split(len(environments), 1, declared.environment),
+            _split(len(capabilities), len(capability_members), declared.capability),
+            _split(1, len(declared.slips), declared.slip),
+        ),
+        objective_prior=np.log(_split(len(base), len(objectives) - len(base), declared.objective)),
+        initial=_initial(representatives[0][0]),
+    )
+
+
+def _classes(keys: Sequence[object]) -> tuple[Ints, list[int]]:
+    """The class of each entry, and the first member of each class."""
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    members = {numbers[key]: index for index, key in reversed(list(enumerate(keys)))}
+    return np.array([numbers[key] for key in keys]), [members[number] for number in range(len(numbers))]
+
+
+def _other_goals(case: CaseStudy) -> list[Objective]:
+    """Each objective of the support with its goal at every location no such objective has it at."""
+    support = case.supports.objective
+    listed = [dict(support.configurations.values(index)) for index in range(support.count)]
+    if GOAL not in listed[0]:
+        return []
+    many = isinstance(listed[0][GOAL], tuple)
+    taken = {location for values in listed for location in held_locations(values, GOAL)}
+    free = [location for location in range(case.space.num_locations) if location not in taken]
+    without = [{name: value for name, value in values.items() if name != GOAL} for values in listed]
+    distinct = [rest for index, rest in enumerate(without) if rest not in without[:index]]
+    return [
+        support.resolve(
+            f"goal_{case.space.locations[location]}" + (f"_{number}" if len(distinct) > 1 else ""),
+            {**rest, GOAL: (location,) if many else location},
+        )
+        for number, rest in enumerate(distinct)
+        for location in free
+    ]
+
+
+def _split(inside: int, outside: int, mass: float) -> Floats:
+    """float64 [inside + outside]: the prior of one concern."""
+    if outside == 0:
+        return np.full(inside, 1 / inside)
+    return np.concatenate([np.full(inside, (1 - mass) / inside), np.full(outside, mass / outside)])
+
+
+def _prior(environment: Floats, capability: Floats, slip: Floats) -> Floats:
+    joint: Floats = np.log(environment[:, None, None] * capability[:, None] * slip)
+    return joint
+
+
+def _closed_share(declared: Outside, blocked: Bools, no_entry: Bools) -> float:
+    if declared.closed is not None:
+        return declared.closed
+    average = blocked.sum(axis=1).mean() + no_entry.sum(axis=1).mean()
+    return float(min(max(1.0, average) / blocked.shape[1], 0.3))
+
+
+def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
+    """Standard deviations [Y] and their prior: no noise as likely as all the others together."""
+    scale = float(np.ptp(reward)) or 1.0
+    quiet = QUIET * scale
+    if known is not None:
+        return np.array([max(known, quiet)]), np.ones(1)
+    return scale * np.array((QUIET, *NOISES)), _split(1, len(NOISES), 0.5)
+
+
+def _valuations(combination: Combination) -> Ints:
+    pairs = pair_valuations(combination)
+    return np.vstack([pairs, np.full((1, pairs.shape[1]), -1)])
+
+
+def _initial(combination: Combination) -> Floats:
+    initial = np.zeros((combination.space.num_locations, len(combination.modes)))
+    initial[:, combination.capability.initial_mode] = combination.objective.start
+    return initial.ravel()
+
+
+def _objective_tables(
+    representatives: Sequence[Sequence[Combination]],
+    objectives: Sequence[Objective],
+    tables: Sequence[ActionTable],
+) -> tuple[Floats, Bools]:
+    """Rewards [U, O, A, S, K] and completions [U, O, A, S, K] of every objective."""
+    width = max(table.target.shape[1] for table in tables)
+    shape = (len(objectives), len(tables), len(tables[0].target), width)
+    size = len(representatives) * int(np.prod(shape))
+    if size > MAX_TABLE:
+        raise InputError(f"the rewards of {shape[0]} objectives in {shape[2]} states are {size} numbers, "
+                         f"at most {MAX_TABLE} are kept")  # fmt: skip
+    slots = [(a, slot) for a, table in enumerate(tables) for slot in range(table.target.shape[1])]
+    target = np.concatenate([tables[a].target[:, slot] for a, slot in slots])
+    state = np.tile(np.arange(shape[2]), len(slots))
+    action = np.repeat([a for a, _ in slots], shape[2])
+    place = (action, state, np.repeat([slot for _, slot in slots], shape[2]))
+    reward = np.zeros((len(representatives), *shape))
+    ends = np.zeros_like(reward, dtype=np.bool_)
+    for number, objective in enumerate(objectives):
+        for u, row in enumerate(representatives):
+            combination = replace(row[0], objective=objective)
+            steps = Steps(combination, state, action, target)
+            reward[(u, number, *place)] = steps.rewards()
+            ends[(u, number, *place)] = _completes(combination, steps, target)
+    return reward, ends
+
+
+def _completes(combination: Combination, steps: Steps, target: Ints) -> Bools:
+    """bool [B]."""
+    objective = combination.objective
+    completes = np.zeros(len(target), dtype=np.bool_)
+    if objective.ends_after is not None:
+        completes |= steps.holds(objective.ends_after)
+    if objective.ends_in is not None:
+        completes |= holds_in_states(combination, objective.ends_in)[target]
+    return completes
