@@ -14,7 +14,7 @@ from merap.concerns.expressions import evaluate, parse
 from merap.concerns.space import Space
 from merap.mdp.model import Ints
 from merap.prism import location_text
-from merap.prism.location_text import bare, cases, condition_of, predicate
+from merap.prism.location_text import cases, predicate
 from tests.hand_made import cells, graph_combination, grid_space
 
 GRID = grid_space((3, 4))
@@ -142,17 +142,3 @@ def test_a_long_chain_becomes_a_tree() -> None:
     assert len(text) < 20 * size
     every_other = predicate(space, index % 2 == 0)
     assert max(np.cumsum([(char == "(") - (char == ")") for char in every_other])) <= 7
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [("(a | b)", "a | b"), ("(a) | (b)", "(a) | (b)"), ("a", "a"), ("((a))", "(a)"), ("!(a)", "!(a)")],
-)
-def test_bare_takes_off_parentheses_around_the_whole(text: str, expected: str) -> None:
-    assert bare(text) == expected
-
-
-def test_a_choice_as_condition_keeps_its_parentheses() -> None:
-    assert condition_of("(a | b)") == "a | b"
-    assert condition_of("(a ? b : c)") == "(a ? b : c)"
-    assert bare("(a ? b : c)") == "a ? b : c"

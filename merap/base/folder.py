@@ -7,7 +7,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -105,22 +105,24 @@ def _files_of_result(path: Path, kind: str) -> set[str]:
 
 
 def write_file(path: Path, content: str, *, force: bool = False) -> None:
-    """Write one file of text, whole or not at all.
+    """Write one file of text; see `write_bytes`."""
+    write_bytes(path, content.encode(), force=force)
+
+
+def write_bytes(path: Path, content: bytes, *, force: bool = False) -> None:
+    """Write one file, whole or not at all.
 
     Raises:
         OutputError: it exists and `force` is not set, or can't be written.
     """
-    with _writing(path):
-        if path.is_dir():
-            raise OutputError(f"{path}: is a folder, expected the name of a file")
-        if path.exists() and not force:
-            raise OutputError(f"{path}: exists already; choose another name or remove it")
-    staging = path.with_name(f"{STAGING}{path.name}")
-    with _writing(path):
+    if path.exists() and not force:
+        raise OutputError(f"{path}: exists already; choose another name or remove it")
+    staging = path.with_name(f".{path.name}.part")
+    try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            staging.write_text(content, encoding="utf-8")
-            staging.replace(path)
-        except OSError:
+        staging.write_bytes(content)
+        staging.replace(path)
+    except OSError as error:
+        with suppress(OSError):
             staging.unlink(missing_ok=True)
-            raise
+        raise OutputError(f"{path}: can't be written: {error.strerror}") from error

@@ -33,6 +33,7 @@ class CaseStudy:
     Attributes:
         name: of the case.
         source: the case file.
+        standalone: its bytes, with a space file's content put in.
         space: the locations, attributes at their defaults.
         modes: Q names.
         actions: A names: external, innate, `start_*`.
@@ -46,6 +47,7 @@ class CaseStudy:
 
     name: str
     source: Path
+    standalone: bytes
     space: Space
     modes: tuple[str, ...]
     actions: tuple[str, ...]
@@ -201,6 +203,7 @@ def load_case(path: str | Path) -> CaseStudy:
     return CaseStudy(
         name=spec.case,
         source=file,
+        standalone=document.standalone,
         space=space,
         modes=frame.modes,
         actions=frame.actions,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -37,6 +38,13 @@ class Document:
         """The same with `document`'s content in place of the value of `key`."""
         data = {**self.data, key: document.data}
         return Document(self.source, self.content, self.root, data, {**self.mounts, key: document})
+
+    @property
+    def standalone(self) -> bytes:
+        """The same as one file: the content as it is, or, where files are mounted, JSON, which is YAML."""
+        if not self.mounts:
+            return self.content
+        return json.dumps(self.data, indent=2).encode()
 
     def error(self, path: KeyPath, message: str) -> InputError:
         """An error about the value at `path`, or about what is nearest to it."""

@@ -44,7 +44,7 @@ class TrainingConfig(BaseModel):
     variance_prior: float = Field(
         default=10.0,
         ge=0,
-        description="the advantages' variance in training counts like that many episodes when they are normalised",
+        description="when advantages are normalised, their variance in training counts as that many episodes",
     )
     noise_episodes: float = Field(
         default=20.0,

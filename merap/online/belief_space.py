@@ -148,7 +148,7 @@ def hypothesis_space(
     supports = case.supports
     environments, capabilities = list(supports.environment), list(supports.capability)
     attribute_class, attribute_members = _classes([id(one.attributes) for one in environments])
-    capability_class, capability_members = _classes([(one.external, one.innate) for one in capabilities])
+    capability_class, capability_members = _classes([repr((one.external, one.innate)) for one in capabilities])
     representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
     tables = action_tables(representatives)
     base = list(supports.objective)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from merap.concerns.combination import Innate
 from merap.prism.lines import Command, Variable
-from merap.prism.location_text import bare
 from merap.prism.step_text import Step, StepWriter
+from merap.prism.terms import bare
 
 
 @dataclass(frozen=True)

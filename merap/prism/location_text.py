@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 
 from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
+from merap.prism.terms import alternatives, bare
 
 MAX_CHAIN = 64
 Box = tuple[int, int, int, int]  # first and last row, first and last column
@@ -35,19 +35,6 @@ def cases(space: Space, texts: Sequence[str], index: Ints) -> str:
         index: int64 [P], which of them.
     """
     return _cases(_window(space, index), texts)
-
-
-def bare(text: str) -> str:
-    """`text` without parentheses around the whole."""
-    if not (text.startswith("(") and text.endswith(")")):
-        return text
-    depths = list(accumulate((char == "(") - (char == ")") for char in text))
-    return text[1:-1] if 0 not in depths[:-1] else text
-
-
-def condition_of(text: str) -> str:
-    """`text` as the condition of a `?:`, where another `?:` needs its parentheses."""
-    return text if "?" in text else bare(text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +61,7 @@ class _Window:
 
     def union(self, boxes: Sequence[Box]) -> str:
         """Membership in any of the boxes."""
-        terms = [self._membership(box) for box in boxes]
-        return terms[0] if len(terms) == 1 else f"({' | '.join(terms)})"
+        return alternatives([self._membership(box) for box in boxes])
 
     def _membership(self, box: Box) -> str:
         rows, columns = self.values.shape

@@ -8,8 +8,9 @@ from math import floor
 from merap.concerns.combination import Combination, Condition
 from merap.concerns.synthesis import least_reward
 from merap.prism.lines import Command, Formula, Payment
-from merap.prism.location_text import bare, predicate
+from merap.prism.location_text import predicate
 from merap.prism.step_text import Branch, Step, StepWriter
+from merap.prism.terms import bare
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.mdp.model import Bools
 from merap.prism.capability_text import capability_text
-from merap.prism.location_text import bare, predicate
+from merap.prism.location_text import predicate
 from merap.prism.objective_text import objective_text
 from merap.prism.space_text import space_text
-from merap.prism.step_text import StepWriter, conjunction
+from merap.prism.step_text import StepWriter
+from merap.prism.terms import bare, conjunction
 
 WIDTH = 120
 

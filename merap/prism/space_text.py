@@ -10,8 +10,9 @@ from merap.concerns.combination import ExternalAction
 from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
 from merap.prism.lines import Command, Formula, Variable
-from merap.prism.location_text import bare, cases, predicate
+from merap.prism.location_text import cases, predicate
 from merap.prism.step_text import Branch, StepWriter
+from merap.prism.terms import bare
 
 KEY_WIDTH = 10
 

@@ -27,11 +27,14 @@ from merap.concerns.synthesis import NEGLIGIBLE
 from merap.mdp.model import Bools, Ints
 from merap.prism.engine_form import engine_form, is_table
 from merap.prism.lines import Formula
-from merap.prism.location_text import bare, cases, condition_of, predicate
+from merap.prism.location_text import cases, predicate
+from merap.prism.terms import alternatives, bare, condition_of, conjunction
 
 _COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
 # A comparison of two names or numbers, which reads best without spaces: mode=2.
-_COMPARISON = re.compile(r"(?<![-+*/<>=] )\b([A-Za-z_]\w*) (!=|<=|>=|=|<|>) (-?\w+)\b(?!/| [-+*/<>=!])")
+_COMPARISON = re.compile(
+    r"(?<![-+*/<=] )(?<![^=]> )\b([A-Za-z_]\w*) (!=|<=|>=|=|<|>) (-?\w+)\b(?!/| [-+*/<>=!])"
+)
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ class StepWriter:
         prob = np.broadcast_to(evaluate(form, scope), here.shape)
         mask = np.zeros((self.space.num_locations, num_modes), dtype=np.bool_)
         mask[here, mode] = np.abs(prob) < NEGLIGIBLE
+        other = np.setdiff1d(np.arange(num_modes), terminal)
+        mask[:, other] = mask[:, terminal[:1]]  # of no importance there, so as elsewhere
         return mask
 
     def innate(self, action: InnateAction) -> list[Step]:
@@ -275,23 +280,6 @@ def _groups_of_modes(mask: Bools) -> list[tuple[Bools, Bools]]:
     return [
         (column, index.reshape(-1) == position) for position, column in enumerate(columns.T) if column.any()
     ]
-
-
-def alternatives(terms: list[str]) -> str:
-    """Any of `terms`: `false`, an atom, or in parentheses."""
-    if len(terms) <= 1:
-        return terms[0] if terms else "false"
-    return f"({' | '.join(terms)})"
-
-
-def conjunction(terms: list[str]) -> str:
-    """All of `terms`: `true`, `false`, an atom, or in parentheses."""
-    if "false" in terms:
-        return "false"
-    real = [term for term in terms if term != "true"]
-    if len(real) <= 1:
-        return real[0] if real else "true"
-    return f"({' & '.join(real)})"
 
 
 def _number(value: float) -> str:

@@ -1,0 +1,131 @@
+"""Run folders: what a training run was made from and what it has learned.
+
+    manifest.json             kind, settings, versions, digest of the case
+    case.yaml                 the case as one file
+    base/<combination>.umb    the tasks, as Storm and other checkers read them
+    policy.safetensors        parameters, step sizes, advantages' variance
+    checkpoint.safetensors    the state of training: also optimizer and generator
+    metrics.csv, times.csv    a row for each update; times apart, since they never repeat
+
+The folder appears whole before training begins, and every file in it is replaced, never
+written over, so that a run that is killed can go on from its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from merap.base.build import ModelBase
+from merap.base.folder import MANIFEST, result_folder, write_manifest
+from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.synthesis import pair_valuations
+from merap.errors import InputError, OutputError
+from merap.learning.config import TrainingConfig
+from merap.mdp.canonical import canonicalise
+from merap.mdp.graph import restrict_to_reachable
+from merap.mdp.model import TabularMDP
+from merap.mdp.umb import read_umb, write_umb
+
+KIND = "merap training run"
+CASE_FILE = "case.yaml"
+BASE_FOLDER = "base"
+PACKAGES = ("merap", "torch", "stormpy", "numpy")
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """A training run on disk.
+
+    Attributes:
+        path: of the folder.
+        case: the case it was trained for.
+        config: its settings.
+        names: of the N tasks, in order.
+    """
+
+    path: Path
+    case: CaseStudy
+    config: TrainingConfig
+    names: tuple[str, ...]
+
+
+def create_run(path: Path, case: CaseStudy, base: ModelBase, config: TrainingConfig) -> RunFolder:
+    """Make the folder of a run that has not begun.
+
+    Raises:
+        OutputError: `path` holds something, or can't be written.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"{path}: exists already; choose another folder, or go on with --resume")
+    with result_folder(path, KIND) as staging:
+        (staging / CASE_FILE).write_bytes(case.standalone)
+        (staging / BASE_FOLDER).mkdir()
+        files = [CASE_FILE]
+        for name, model in zip(base.names, base.models, strict=True):
+            files.append(f"{BASE_FOLDER}/{name}.umb")
+            write_umb(restrict_to_reachable(model), staging / files[-1])
+        content = {
+            "case": case.name,
+            "digest": case.digest,
+            "config": config.model_dump(mode="json"),
+            "tasks": list(base.names),
+            "covered": base.covered,
+            "compared": base.compared,
+            "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        }
+        write_manifest(staging, KIND, content, files)
+    return RunFolder(path, case, config, base.names)
+
+
+def read_run(path: Path) -> RunFolder:
+    """Open the folder of a run.
+
+    Raises:
+        InputError: it is not one.
+    """
+    content = _manifest(path)
+    try:
+        config = TrainingConfig.model_validate(content["config"])
+        names = tuple(str(name) for name in content["tasks"])
+    except (KeyError, TypeError, ValidationError) as error:
+        raise InputError("is not that of a training run", source=str(path / MANIFEST)) from error
+    return RunFolder(path, load_case(path / CASE_FILE), config, names)
+
+
+def _manifest(path: Path) -> Mapping[str, Any]:
+    try:
+        content = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"is not a run folder of merap: it has no readable {MANIFEST}", source=str(path)
+        ) from error
+    if not isinstance(content, dict) or content.get("kind") != KIND:
+        raise InputError("is not a run folder of merap", source=str(path))
+    return content
+
+
+def read_tasks(run: RunFolder) -> list[TabularMDP]:
+    """The canonical models of a run's base.
+
+    Raises:
+        InputError: an archive is missing or damaged.
+    """
+    combination = run.case.combination_at(0)
+    variables = (*run.case.space.variable_names, "mode")
+    return [
+        canonicalise(
+            read_umb(run.path / BASE_FOLDER / f"{name}.umb"),
+            pair_valuations(combination),
+            variables,
+            run.case.actions,
+        )
+        for name in run.names
+    ]

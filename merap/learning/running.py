@@ -1,0 +1,85 @@
+"""A training run in its folder: begin, or go on after an interruption."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from merap.base.build import build_base
+from merap.concerns.case_study import CaseStudy
+from merap.learning.checkpoint import read_checkpoint, write_checkpoint, write_policy
+from merap.learning.config import TrainingConfig
+from merap.learning.meta import MetaPolicy
+from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks
+from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.training import UpdateMetrics, meta_policy, updates
+
+SECONDS_BETWEEN_CHECKPOINTS = 0.5
+
+OnUpdate = Callable[[UpdateMetrics], None]
+
+
+def begin_run(path: Path, case: CaseStudy, config: TrainingConfig) -> RunFolder:
+    """Build the base of a case and make the folder of a run over it.
+
+    Raises:
+        OutputError: `path` holds something, or can't be written.
+        ModelError: a model is unsound.
+        EngineError: Storm failed.
+    """
+    base = build_base(case, max_tasks=config.max_tasks, seed=config.seed)
+    return create_run(path, case, base, config)
+
+
+def tasks_of(run: RunFolder) -> TaskBatch:
+    """The tasks of a run, from its archives."""
+    horizon = run.case.combination_at(0).objective.horizon
+    return task_batch(read_tasks(run), horizon, run.case.discount)
+
+
+def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> MetaPolicy:
+    """Train from the run's last checkpoint, or from the beginning, to the end.
+
+    A checkpoint is written at least every second where an update takes less than half of one.
+
+    Args:
+        run: the folder.
+        on_update: called after each update.
+    """
+    tasks = tasks_of(run)
+    state, metrics = read_checkpoint(run, tasks)
+    written = time.monotonic()
+    for row in updates(tasks, run.config, state):
+        metrics.append(row)
+        on_update(row)
+        if time.monotonic() - written > SECONDS_BETWEEN_CHECKPOINTS:
+            write_checkpoint(run, state, metrics)
+            written = time.monotonic()
+    write_checkpoint(run, state, metrics)
+    policy = meta_policy(tasks, run.config, state)
+    write_policy(run, policy)
+    return policy
+
+
+def train(
+    case: CaseStudy,
+    path: Path,
+    config: TrainingConfig | None = None,
+    on_update: OnUpdate = lambda metrics: None,
+) -> RunFolder:
+    """Train a meta policy for a case into a new folder; raises as `begin_run`."""
+    run = begin_run(path, case, config or TrainingConfig())
+    train_run(run, on_update)
+    return run
+
+
+def resume(path: Path, on_update: OnUpdate = lambda metrics: None) -> RunFolder:
+    """Go on with a run that was interrupted, bit for bit as if it had not been.
+
+    Raises:
+        InputError: `path` is not the folder of a run.
+    """
+    run = read_run(path)
+    train_run(run, on_update)
+    return run
