@@ -12,15 +12,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from merap.base.build import build_base
     from merap.checker.verdicts import verify
-    from merap.concerns.case_study import CaseStudy
-    from merap.concerns.case_study import load_case
+    from merap.concerns.case_study import CaseStudy, load_case
     from merap.errors import MerapError
-    from merap.learning.training import train
+    from merap.learning.running import train
     from merap.mdp.model import TabularMDP
     from merap.online.adaptation import adapt
     from merap.prism.rendering import render
 
-__all__ = ["CaseStudy", "MerapError", "TabularMDP", "adapt", "build_base", "load_case", "render", "train", "verify"]
+__all__ = [
+    "CaseStudy",
+    "MerapError",
+    "TabularMDP",
+    "adapt",
+    "build_base",
+    "load_case",
+    "render",
+    "train",
+    "verify",
+]
 
 _HOMES = {
     "CaseStudy": "merap.concerns.case_study",
@@ -30,7 +39,7 @@ _HOMES = {
     "build_base": "merap.base.build",
     "load_case": "merap.concerns.case_study",
     "render": "merap.prism.rendering",
-    "train": "merap.learning.training",
+    "train": "merap.learning.running",
     "verify": "merap.checker.verdicts",
 }
 

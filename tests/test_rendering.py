@@ -14,7 +14,6 @@ import pytest
 
 from merap.checker.building import build_combination, build_pair
 from merap.concerns.combination import Combination, Condition, Innate, InnateAction, RewardRule
-from merap.concerns.space import Attribute, Space
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.mdp.comparison import compare
 from merap.prism.rendering import WIDTH, render, render_pair
@@ -23,12 +22,12 @@ from tests.hand_made import (
     graph_combination,
     grid_combination,
     grid_space,
-    number,
     parsed,
     with_capability,
     with_environment,
     with_objective,
 )
+from tests.large_spaces import random_graph, random_grid
 from tests.random_combinations import random_combination
 
 ROOT = Path(__file__).parents[1]
@@ -154,60 +153,13 @@ def test_rewards_and_probabilities_that_read_the_successor() -> None:
 # --- large ones ---
 
 
-def random_graph(size: int) -> Combination:
-    generator = np.random.default_rng(size)
-    graph = graph_combination()
-    light = Attribute("light", "int", 0, 3, generator.integers(0, 4, size=size).astype(np.float64))
-    ice = Attribute("ice", "bool", 0, 1, (generator.random(size) < 0.3).astype(np.float64))
-    target = generator.integers(-1, size, size=(size, 3))
-    start, goal = np.zeros(size), np.zeros(size, dtype=np.bool_)
-    start[0], goal[size - 1] = 1, True
-    return replace(
-        graph,
-        space=Space(
-            tuple(f"n{index}" for index in range(size)),
-            np.zeros((size, 2)),
-            graph.space.moves,
-            target,
-            None,
-            (ice, light),
-            (),
-        ),
-        environment=replace(
-            graph.environment,
-            blocked=(generator.random(size) < 0.1) & (start == 0),
-            blocked_edges=np.zeros((size, 3), dtype=np.bool_),
-            attributes=(ice, light),
-        ),
-        capability=replace(graph.capability, no_entry=np.zeros(size, dtype=np.bool_)),
-        objective=replace(
-            graph.objective,
-            start=start,
-            goal=goal,
-            rules=(
-                RewardRule(Condition(at=goal, actions=frozenset({"stop"})), number(20)),
-                RewardRule(Condition(where=parsed("light' = 0")), number(-2)),
-                RewardRule(Condition(), number(-1)),
-            ),
-            ends_after=Condition(at=goal, actions=frozenset({"stop"})),
-            ends_in=None,
-        ),
-    )
-
-
-def random_grid(size: int) -> Combination:
-    blocked = np.random.default_rng(size).random(size * size) < 0.3
-    blocked[0] = False
-    return grid_combination(size=size, blocked=blocked, goal=(size - 1, size - 1))
-
-
 # In a process of their own: what overflows Storm's stack would take the tests with it.
 BUILD = """
 import sys
 from merap.checker.building import build_combination
 from merap.concerns.synthesis import synthesise
 from merap.mdp.comparison import compare
-from tests.test_rendering import random_graph, random_grid
+from tests.large_spaces import random_graph, random_grid
 combination = {"graph": random_graph, "grid": random_grid}[sys.argv[1]](int(sys.argv[2]))
 compare(build_combination(combination).mdp, synthesise(combination)).require_same()
 print(synthesise(combination).num_states)

@@ -6,9 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.combination import Condition, ExternalAction, Outcome
 from merap.concerns.expressions import Constant
-from merap.concerns.synthesis import attach, least_reward, synthesise, synthesise_pair
+from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.errors import InputError
 from merap.mdp.comparison import compare
 from merap.mdp.graph import restrict_to_reachable
@@ -24,35 +24,11 @@ from tests.hand_made import (
     with_environment,
     with_objective,
 )
+from tests.mdp_lookup import enabled_in, reward, step
 from tests.random_combinations import random_combination
 
 IDLE, SCANNING, SCANNED = 0, 1, 2
 S, A, B, G = 0, 1, 2, 3
-
-
-def enabled_in(mdp: TabularMDP, *valuation: int) -> set[str]:
-    (state,) = np.flatnonzero((mdp.valuations == valuation).all(axis=1)).tolist()
-    return {name for name, on in zip(mdp.action_names, mdp.enabled[state], strict=True) if on}
-
-
-def step(mdp: TabularMDP, valuation: tuple[int, ...], action: str) -> dict[tuple[int, ...], float]:
-    """Successor valuation -> probability."""
-    choice = choice_of(mdp, valuation, action)
-    branches = slice(mdp.choice_to_branch[choice], mdp.choice_to_branch[choice + 1])
-    return {
-        tuple(mdp.valuations[target].tolist()): prob
-        for target, prob in zip(mdp.branch_target[branches], mdp.branch_prob[branches].tolist(), strict=True)
-    }
-
-
-def choice_of(mdp: TabularMDP, valuation: tuple[int, ...], action: str) -> int:
-    in_state = (mdp.valuations == valuation).all(axis=1)[mdp.choice_state]
-    (choice,) = np.flatnonzero(in_state & (mdp.choice_action == mdp.action_names.index(action))).tolist()
-    return int(choice)
-
-
-def reward(mdp: TabularMDP, valuation: tuple[int, ...], action: str) -> float:
-    return float(mdp.choice_reward[choice_of(mdp, valuation, action)])
 
 
 # --- the paper's world: closed forms of shared/paper/README.md ---
@@ -202,47 +178,7 @@ def test_a_capability_without_innate_part_stays_in_the_first_mode() -> None:
     assert enabled_in(mdp, B, IDLE, 0) == {"stop", "go", "back"}
 
 
-# --- rule 4: rewards and ends ---
-
-
-def test_the_first_rule_that_matches_pays() -> None:
-    mdp = synthesise(graph_combination())
-    assert reward(mdp, (G, SCANNED, 0), "stop") == 20
-    # a step to G where it is lighter: light / 4 of the source (0 at B), else the rule for the dark idle B: -3
-    assert reward(mdp, (B, IDLE, 0), "go") == pytest.approx(0.6 * 0 + 0.4 * -3)
-    assert reward(mdp, (B, SCANNED, 0), "go") == pytest.approx(0.6 * 0 + 0.4 * -1)
-    # into scanned 0.3, else -1
-    assert reward(mdp, (S, SCANNING, 0), "measure") == pytest.approx(0.9 * 0.3 + 0.1 * -1)
-    assert reward(mdp, (S, IDLE, 0), "stop") == -1
-
-
-def test_no_rule_earns_nothing() -> None:
-    mdp = synthesise(with_objective(graph_combination(), rules=()))
-    assert not mdp.choice_reward.any()
-    assert mdp.branch_reward is not None
-    assert not mdp.branch_reward.any()
-
-
-def test_a_rule_that_names_what_the_capability_lacks_never_matches() -> None:
-    rules = (
-        RewardRule(Condition(actions=frozenset({"fly"})), number(100)),
-        RewardRule(Condition(), number(1)),
-    )
-    mdp = synthesise(with_objective(graph_combination(), rules=rules))
-    assert set(mdp.choice_reward.tolist()) == {0.0, 1.0}
-
-
-def test_a_value_is_computed_only_where_its_rule_matches() -> None:
-    # light is 0 at B
-    rules = (
-        RewardRule(Condition(where=parsed("light > 0")), parsed("1 / light")),
-        RewardRule(
-            Condition(at=np.array([True, True, False, True]), where=parsed("1 / light > 1")), number(9)
-        ),
-    )
-    mdp = synthesise(with_objective(graph_combination(), rules=rules))
-    assert reward(mdp, (S, IDLE, 0), "stop") == pytest.approx(1 / 3)
-    assert reward(mdp, (B, IDLE, 0), "stop") == 0
+# --- rule 4: ends ---
 
 
 def test_ends_after_sets_done_with_a_step_that_still_moves() -> None:
@@ -343,22 +279,6 @@ def test_the_second_objective_does_not_see_the_first() -> None:
     other = with_objective(graph, rules=(), ends_in=None, ends_after=None, unsafe=None)
     compare(attach(pair, other), synthesise(other)).require_same()
     compare(attach(pair, graph), synthesise(graph)).require_same()
-
-
-def least_on_branches(combination: Combination) -> float:
-    mdp = attach(synthesise_pair(combination), combination)
-    assert mdp.branch_reward is not None
-    return float(mdp.branch_reward.min())
-
-
-def test_least_reward_counts_what_steps_really_bring() -> None:
-    graph = graph_combination()
-    assert least_reward(graph) == -3
-    assert least_reward(with_objective(graph, rules=())) == 0
-    assert least_reward(with_objective(graph, rules=(RewardRule(Condition(), number(5)),))) == 0
-    # light falls by at most 2 along an edge: from A (2) to B (0)
-    falling = with_objective(graph, rules=(RewardRule(Condition(), parsed("light' - light")),), ends_in=None)
-    assert least_reward(falling) == least_on_branches(falling) == -3  # S (3) -across-> B (0)
 
 
 def test_probabilities_that_are_exact_fractions_stay_exact() -> None:

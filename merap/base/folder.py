@@ -115,14 +115,17 @@ def write_bytes(path: Path, content: bytes, *, force: bool = False) -> None:
     Raises:
         OutputError: it exists and `force` is not set, or can't be written.
     """
-    if path.exists() and not force:
-        raise OutputError(f"{path}: exists already; choose another name or remove it")
-    staging = path.with_name(f".{path.name}.part")
-    try:
+    with _writing(path):
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder, expected the name of a file")
+        if path.exists() and not force:
+            raise OutputError(f"{path}: exists already; choose another name or remove it")
         path.parent.mkdir(parents=True, exist_ok=True)
-        staging.write_bytes(content)
-        staging.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            staging.unlink(missing_ok=True)
-        raise OutputError(f"{path}: can't be written: {error.strerror}") from error
+        staging = path.with_name(f"{STAGING}{path.name}")
+        try:
+            staging.write_bytes(content)
+            staging.replace(path)
+        except OSError:
+            with suppress(OSError):
+                staging.unlink()
+            raise

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import stormpy
 from stormpy.developer import LogLevel, set_log_level
+from stormpy.developer.info import StormVersion
 from stormpy.exceptions import StormError
 from stormpy.logic import ComparisonType, OperatorFormula, OptimizationDirection, RewardOperatorFormula
 from stormpy.models import ModelType
@@ -189,6 +190,11 @@ def _without_bound(formula: Any) -> Any:
             OptimizationDirection.MINIMIZE if lower_bound else OptimizationDirection.MAXIMIZE
         )
     return quantity
+
+
+def version() -> str:
+    """Storm's own version, as `2.0.0`."""
+    return str(StormVersion.short_version_string())
 
 
 def build_text(text: str, source: str) -> StormModel:

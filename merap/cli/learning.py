@@ -2,8 +2,182 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
 import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from merap.cli import options
+from merap.cli.output import err, number, say, table, warn, write_json
+from merap.concerns.case_study import load_case
+from merap.errors import InputError
+
+if TYPE_CHECKING:
+    from merap.learning.training import UpdateMetrics
+    from merap.online.adaptation import Adaptation
+
+SHOWN_STEPS = (0, 1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 
 def register(app: typer.Typer) -> None:
     """Add these verbs."""
+    app.command()(train)
+    app.command()(adapt)
+
+
+def train(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run.", show_default=False)],
+    case: Annotated[
+        Path | None, typer.Argument(help="A case file or folder; not with --resume.", show_default=False)
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
+    updates: Annotated[int | None, typer.Option(help="Outer updates.")] = None,
+    estimator: Annotated[str | None, typer.Option(help="exact: gradients through the known models.")] = None,
+    config: Annotated[Path | None, typer.Option(help="A YAML file of settings.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="key=value for any setting; may be repeated.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with the run in this folder.")] = False,
+) -> None:
+    """Learn a meta policy over the model base of a case."""
+    from merap.learning import running
+    from merap.learning.run_folder import read_run
+    from merap.learning.settings import read_config
+
+    given = {"seed": seed, "updates": updates, "estimator": estimator}
+    if resume:
+        if (
+            case is not None
+            or config is not None
+            or settings
+            or any(value is not None for value in given.values())
+        ):
+            raise InputError("--resume goes on with the settings of the run; give none", source="merap train")
+        run = read_run(out)
+    else:
+        if case is None:
+            raise InputError("a case is missing", source="merap train")
+        study = load_case(case)
+        warn(study.warnings)
+        run = running.begin_run(out, study, read_config(config, settings or [], **given))
+    seconds: list[float] = []
+
+    def show(metrics: UpdateMetrics) -> None:
+        seconds.append(metrics.seconds)
+        bar.update(job, completed=metrics.update, note=f"adapted return {metrics.adapted_return:.3f}")
+
+    with _progress() as bar:
+        job = bar.add_task("Training", total=run.config.updates, note="")
+        running.train_run(run, show)
+    say(f"{len(run.names)} tasks, {len(seconds)} updates in {sum(seconds):.1f} s; the run is in {run.path}")
+
+
+def adapt(
+    run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
+    system: options.SystemName = "met",
+    strategy: Annotated[
+        str, typer.Option(help="gradient: steps from the meta policy; belief: a posterior over the domain.")
+    ] = "gradient",
+    episodes_per_step: Annotated[int, typer.Option(min=1, help="Real episodes of a gradient step.")] = 35,
+    steps: Annotated[int, typer.Option(min=1, help="Policy updates; of `belief` one each episode.")] = 30,
+    max_episodes: Annotated[
+        int | None, typer.Option(min=1, help="Real episodes at most, in place of --steps.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="a:b for seeds a to b - 1, or one seed.")] = "0:1",
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for curve and map, as PNG and SVG.")
+    ] = None,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """Adapt the meta policy to a system that is met online, and score it against the optimum."""
+    from merap.learning.run_folder import read_run
+    from merap.online import adaptation
+
+    if max_episodes is not None:
+        steps = max_episodes // (episodes_per_step if strategy == adaptation.GRADIENT else 1)
+    opened = read_run(run)
+    chosen = _seeds(seeds)
+    met = opened.case.system(system)
+    with _progress() as bar:
+        job = bar.add_task("Adapting", total=len(chosen) * steps, note="")
+        found = adaptation.adapt(
+            opened,
+            met,
+            strategy=strategy,
+            episodes_per_step=episodes_per_step,
+            steps=steps,
+            seeds=chosen,
+            on_step=lambda: bar.advance(job),
+        )
+    write_json(json, found.as_dict(), force=force)
+    if out is not None:
+        _draw(found, met, out, force=force)
+    if str(json) != "-":
+        _show(found)
+
+
+def _seeds(text: str) -> range:
+    first, colon, end = text.partition(":")
+    if not (first.isdigit() and (end.isdigit() if colon else not end)):
+        raise InputError(f"expected a:b with whole numbers or one seed, got {text!r}", source="--seeds")
+    seeds = range(int(first), int(end) if colon else int(first) + 1)
+    if not seeds:
+        raise InputError(f"{text!r} holds no seed", source="--seeds")
+    return seeds
+
+
+def _show(found: Adaptation) -> None:
+    """The mean curve at some steps, then the scores."""
+    curves = [run.curve for run in found.runs]
+    rows = []
+    for step in [step for step in SHOWN_STEPS if step < len(curves[0])]:
+        values = [curve[step].expected_return for curve in curves]
+        mean = sum(values) / len(values)
+        cells = (mean, min(values), max(values))
+        rows.append((str(step), str(curves[0][step].episodes), *(number(cell, 4) for cell in cells)))
+    table(("step", "episodes", "expected return", "least", "greatest"), rows)
+    scores: dict[str, Any] = found.as_dict()["summary"]
+    say(f"optimum {number(found.reachable.optimum)}, worst {number(found.reachable.worst)}")
+    say(
+        f"within 5 percent after {number(scores['mean_steps_to_within_5_percent'], 3)} steps on average "
+        f"({number(scores['mean_episodes_to_within_5_percent'], 3)} episodes); "
+        f"never: {scores['never_steps_to_within_5_percent']} of {scores['runs']} runs"
+    )
+
+
+def _draw(found: Adaptation, met: Any, folder: Path, *, force: bool) -> None:
+    from merap.report.curves import draw_adaptation
+    from merap.report.map import draw_before_after
+    from merap.report.path import most_likely_path
+    from merap.report.saving import save_figure
+
+    curves = {found.strategy: [[row.expected_return for row in run.curve] for run in found.runs]}
+    title = f"Adaptation to {found.system}"
+    optimum, worst = found.reachable.optimum, found.reachable.worst
+    paths = [
+        most_likely_path(found.model, met, policy, met.objective.horizon, label=label)
+        for policy, label in ((found.before, "before"), (found.after, "after"))
+    ]
+    written = [
+        *save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force),
+        *save_figure(draw_before_after(met, *paths), folder / "map", force=force),
+    ]
+    say("wrote " + ", ".join(str(path) for path in written))
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar with rate and time left on standard error, where a person watches."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        yield bar

@@ -86,12 +86,16 @@ def _show(verdicts: list[Verdict]) -> None:
     )
     false = [verdict for verdict in verdicts if verdict.holds is False]
     for verdict in false:
-        reason = verdict.reason or "see its value"
-        say(f"{verdict.combination}: {verdict.name} ({verdict.property}) does not hold: {reason}")
+        say(f"{verdict.combination}: {verdict.name} ({verdict.property}) does not hold: {verdict.reason}")
+    for verdict in verdicts:
+        if verdict.status == "unsupported":
+            say(f"unsupported: {verdict.reason}")
     say(f"{len(cells)} combinations, {len(verdicts)} verdicts, {len(false)} false")
 
 
 def _cell(verdict: Verdict) -> str:
+    if verdict.status == "unsupported":
+        return verdict.status
     if verdict.value is not None:
         return number(verdict.value) + (" FALSE" if verdict.holds is False else "")
     return "FALSE" if verdict.holds is False else "true"

@@ -51,4 +51,15 @@ class TrainingConfig(BaseModel):
         ge=0,
         description="n: with B instead of K episodes a step is (1 + n / K) / (1 + n / B) times as long",
     )
-    exploration: float = Field(default=0.0, ge=0, lt=1, description="uniform part of the acting policy")
+    entropy: float = Field(
+        default=0.75,
+        ge=0,
+        description="weight of the meta policy's entropy, so that it goes on trying things; the unit is the "
+        "advantages' standard deviation",
+    )
+    final_entropy: float = Field(
+        default=0.05, ge=0, le=1, description="the weight falls to this part of itself"
+    )
+    exploration: float = Field(
+        default=0.1, ge=0, lt=1, description="uniform part of the policy that samples episodes online"
+    )

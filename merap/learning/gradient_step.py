@@ -5,6 +5,11 @@ The loss is the surrogate -mean over active steps of log pi(a | s) times the nor
 exactly, through the known models, while the sampling noise of the episodes that were drawn is
 added as a constant: the outer objective then sees the step that adaptation will really take.
 
+Online, episodes may be sampled with a uniform part mixed in, so that what a confident policy never
+tries is tried. Steps that turned out well count in full, those that turned out badly by how
+likely the policy itself would have taken them (tapered off-policy REINFORCE, Le Roux et al.
+2025): a good surprise is learned from at once, a bad one is not the policy's fault.
+
 Axes: N tasks, B episodes, T steps, S states, A actions.
 """
 
@@ -17,7 +22,7 @@ from torch import Tensor
 
 from merap.learning.advantages import Baseline, advantages, baseline_values, discounted_sums
 from merap.learning.exact import ExactProblem, policy_gradient
-from merap.learning.policy import Parameters, PolicyNetwork, action_logits, explore, log_policy
+from merap.learning.policy import Parameters, PolicyNetwork, action_logits, explore, log_policy, policy_table
 from merap.learning.rollout import Episodes, Sampler, rollout
 
 # Equal advantages carry nothing but rounding errors; those must not be blown up.
@@ -58,16 +63,16 @@ class Surrogate:
     variance: Tensor
 
 
-def surrogate(episodes: Episodes, shape: torch.Size, rule: StepRule, variance: Tensor | None) -> Surrogate:
+def surrogate(episodes: Episodes, blame: Tensor, rule: StepRule, variance: Tensor | None) -> Surrogate:
     """The gradient from episodes.
 
     Args:
         episodes: N x B episodes.
-        shape: (N, S, A).
+        blame: float [N, S, A], weight of a step with a negative advantage.
         rule: how.
         variance: float [], that of the advantages in training; None if not known yet.
     """
-    num_tasks, num_states, num_actions = shape
+    num_tasks, num_states, num_actions = blame.shape
     to_go = discounted_sums(episodes.reward, rule.discount)
     values = baseline_values(episodes, to_go, num_states, rule.baseline, rule.ridge)
     advantage = advantages(episodes, values, rule.discount, rule.gae_lambda)
@@ -77,11 +82,13 @@ def surrogate(episodes: Episodes, shape: torch.Size, rule: StepRule, variance: T
     seen = centred.square().sum(dim=(1, 2), keepdim=True) / count
     deviation = (_shrunk(seen, episodes, rule, variance) + _LEAST_DEVIATION**2).sqrt()
     cell = (episodes.state * num_actions + episodes.action).flatten(1)
+    normalised = (centred / deviation).flatten(1)
+    normalised = torch.where(normalised < 0, normalised * blame.flatten(1).gather(1, cell), normalised)
     summed = torch.zeros(num_tasks, num_states * num_actions, dtype=advantage.dtype)
-    summed.scatter_add_(1, cell, (centred / deviation).flatten(1))
+    summed.scatter_add_(1, cell, normalised)
     steps_per_episode = count.flatten() / episodes.state.shape[1]
     return Surrogate(
-        gradient=-(summed / count.flatten(1)).view(shape),
+        gradient=-(summed / count.flatten(1)).view(blame.shape),
         scale=1 / (deviation.flatten() * steps_per_episode),
         variance=seen.flatten(),
     )
@@ -127,14 +134,14 @@ def sampled_step(
         parameters: [N, ...].
         step_sizes: alpha for each parameter, broadcast against it.
         enabled: bool [N, S, A].
-        episodes: sampled by the policy with the rule's exploration.
+        episodes: sampled by `behaviour`.
         rule: how.
         variance: as in `surrogate`.
     """
     leaves = {name: value.detach().requires_grad_() for name, value in parameters.items()}
-    log_behaviour = _log_behaviour(network, leaves, enabled, rule)
-    found = surrogate(episodes, log_behaviour.shape, rule, variance)
-    directions = torch.autograd.grad(log_behaviour, list(leaves.values()), found.gradient)
+    log_probs = log_policy(action_logits(network, leaves), enabled)
+    found = surrogate(episodes, _blame(log_probs.detach(), enabled, rule), rule, variance)
+    directions = torch.autograd.grad(log_probs, list(leaves.values()), found.gradient)
     factor = rule.length_factor(episodes.state.shape[1])
     stepped = {
         name: (value - factor * step_sizes[name] * direction).detach()
@@ -144,16 +151,15 @@ def sampled_step(
 
 
 def behaviour(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, rule: StepRule) -> Tensor:
-    """float [N, S, A], the policy that samples episodes: with the rule's exploration."""
-    return _log_behaviour(network, parameters, enabled, rule).exp() * enabled
+    """float [N, S, A], the policy that samples episodes online: with the rule's exploration."""
+    return explore(policy_table(network, parameters, enabled), enabled, rule.exploration)
 
 
-def _log_behaviour(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, rule: StepRule) -> Tensor:
-    log_probs = log_policy(action_logits(network, parameters), enabled)
-    if rule.exploration == 0:
-        return log_probs
-    mixed = explore(log_probs.exp() * enabled, enabled, rule.exploration)
-    return torch.where(enabled, mixed, 1.0).log()
+def _blame(log_probs: Tensor, enabled: Tensor, rule: StepRule) -> Tensor:
+    """How likely the policy itself is to take an action, against how likely it was taken; at most 1."""
+    probs = log_probs.exp() * enabled
+    taken = explore(probs, enabled, rule.exploration)
+    return (probs / taken.clamp_min(torch.finfo(probs.dtype).tiny)).clamp_max(1.0)
 
 
 def expected_step(
@@ -182,15 +188,15 @@ def expected_step(
         generator: of the episodes whose noise is added.
         order: 1 takes the step's direction as a constant (first-order MAML).
     """
-    log_behaviour = _log_behaviour(network, parameters, enabled, rule)
-    acting = log_behaviour.exp() * enabled
+    log_probs = log_policy(action_logits(network, parameters), enabled)
+    acting = log_probs.exp() * enabled
     episodes = rollout(acting, tasks, rule.episodes, generator)
-    found = surrogate(episodes, log_behaviour.shape, rule, variance)
+    found = surrogate(episodes, torch.ones_like(acting), rule, variance)
     expected = -policy_gradient(acting, problem) * acting * found.scale[:, None, None]
     noise = (found.gradient - expected).detach()
     leaves = list(parameters.values())
-    of_noise = torch.autograd.grad(log_behaviour, leaves, noise, retain_graph=True)
-    of_mean = torch.autograd.grad(log_behaviour, leaves, expected, create_graph=order == 2)
+    of_noise = torch.autograd.grad(log_probs, leaves, noise, retain_graph=True)
+    of_mean = torch.autograd.grad(log_probs, leaves, expected, create_graph=order == 2)
     directions = [one.detach() + other for one, other in zip(of_noise, of_mean, strict=True)]
     stepped = {
         name: value - step_sizes[name] * direction

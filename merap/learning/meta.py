@@ -13,8 +13,15 @@ from torch import Tensor
 from merap.learning.config import TrainingConfig
 from merap.learning.exact import ExactProblem, exact_problem, expected_return
 from merap.learning.gradient_step import StepRule, expected_step
-from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
-from merap.learning.rollout import Sampler, sampler
+from merap.learning.policy import (
+    Parameters,
+    PolicyNetwork,
+    action_logits,
+    log_policy,
+    policy_table,
+    stack_parameters,
+)
+from merap.learning.rollout import Episodes, Sampler, sampler
 from merap.learning.tasks import TaskBatch
 
 
@@ -60,11 +67,14 @@ class Objective:
         adapted_return: float [], mean expected discounted return of the adapted policies;
             differentiable.
         meta_return: float [], that of the meta policy itself.
+        entropy: float [], mean entropy of the meta policy over the steps of its episodes;
+            differentiable.
         variance: float [], mean of the advantages' variance.
     """
 
     adapted_return: Tensor
     meta_return: Tensor
+    entropy: Tensor
     variance: Tensor
 
 
@@ -108,7 +118,7 @@ def objective(
     adapted = stack_parameters(parameters, tasks.tasks.num_tasks)
     with torch.no_grad():
         before = expected_return(policy_table(network, adapted, enabled), tasks.problem).mean()
-    seen = []
+    seen, episodes = [], None
     for _ in range(config.inner_steps):
         stepped = expected_step(
             network,
@@ -124,5 +134,15 @@ def objective(
         )
         adapted = stepped.parameters
         seen.append(stepped.variance.mean())
+        episodes = stepped.episodes if episodes is None else episodes
+    assert episodes is not None
     after = expected_return(policy_table(network, adapted, enabled), tasks.problem).mean()
-    return Objective(after, before, torch.stack(seen).mean())
+    entropy = _entropy(network, parameters, enabled, episodes)
+    return Objective(after, before, entropy, torch.stack(seen).mean())
+
+
+def _entropy(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, episodes: Episodes) -> Tensor:
+    log_probs = log_policy(action_logits(network, parameters), enabled)
+    of_states = -(log_probs.exp() * log_probs * enabled).sum(dim=-1)
+    of_steps = of_states.gather(1, episodes.state.flatten(1)) * episodes.active.flatten(1)
+    return of_steps.sum() / episodes.active.sum()

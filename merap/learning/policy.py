@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import torch
@@ -68,7 +69,7 @@ def initial_parameters(
     """
     parameters: Parameters = {}
     sizes = network.layer_sizes
-    for layer, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
+    for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
         bound = math.sqrt(6 / (inputs + outputs))
         uniform = torch.rand(inputs, outputs, generator=generator, dtype=dtype)
         parameters[f"layer{layer}.weight"] = bound * (2 * uniform - 1)

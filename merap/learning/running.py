@@ -13,6 +13,7 @@ from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
 from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks
 from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.threads import one_thread
 from merap.learning.training import UpdateMetrics, meta_policy, updates
 
 SECONDS_BETWEEN_CHECKPOINTS = 0.5
@@ -50,12 +51,13 @@ def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> Met
     tasks = tasks_of(run)
     state, metrics = read_checkpoint(run, tasks)
     written = time.monotonic()
-    for row in updates(tasks, run.config, state):
-        metrics.append(row)
-        on_update(row)
-        if time.monotonic() - written > SECONDS_BETWEEN_CHECKPOINTS:
-            write_checkpoint(run, state, metrics)
-            written = time.monotonic()
+    with one_thread():
+        for row in updates(tasks, run.config, state):
+            metrics.append(row)
+            on_update(row)
+            if time.monotonic() - written > SECONDS_BETWEEN_CHECKPOINTS:
+                write_checkpoint(run, state, metrics)
+                written = time.monotonic()
     write_checkpoint(run, state, metrics)
     policy = meta_policy(tasks, run.config, state)
     write_policy(run, policy)

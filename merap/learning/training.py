@@ -27,6 +27,7 @@ class UpdateMetrics:
         update: counted from 1.
         meta_return: mean expected discounted return of the meta policy on the batch.
         adapted_return: that of the policies after their inner steps.
+        entropy: mean entropy of the meta policy over states, in nats.
         gradient_norm: of the outer gradient, before it is cut.
         learning_rate: of the meta policy.
         seconds: wall-clock time of the update.
@@ -35,6 +36,7 @@ class UpdateMetrics:
     update: int
     meta_return: float
     adapted_return: float
+    entropy: float
     gradient_norm: float
     learning_rate: float
     seconds: float
@@ -116,7 +118,8 @@ def _update(
     )
     leaves = [*state.parameters.values(), *state.log_step_sizes.values()]
     state.optimizer.zero_grad()
-    (-found.adapted_return).backward()  # type: ignore[no-untyped-call]
+    weight = _entropy_weight(config, state.update) * found.variance.detach().sqrt()
+    (-found.adapted_return - weight * found.entropy).backward()  # type: ignore[no-untyped-call]
     norm = torch.nn.utils.clip_grad_norm_(leaves, config.max_gradient_norm)
     state.optimizer.step()
     state.update += 1
@@ -125,10 +128,16 @@ def _update(
         update=state.update,
         meta_return=found.meta_return.item(),
         adapted_return=found.adapted_return.item(),
+        entropy=found.entropy.item(),
         gradient_norm=norm.item(),
         learning_rate=state.optimizer.param_groups[0]["lr"],
         seconds=time.perf_counter() - begin,
     )
+
+
+def _entropy_weight(config: TrainingConfig, update: int) -> float:
+    left = 1 - update / config.updates
+    return config.entropy * (config.final_entropy + (1 - config.final_entropy) * left)
 
 
 def _running_mean(mean: Tensor | None, value: Tensor, count: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""The online phase: adapt the meta policy to a system by gradient steps (`eq:adaptation`).
+"""The online phase: adapt to a system that is met, by one of several strategies.
 
 Axes: B episodes, T steps, S states, A actions.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,19 @@ from merap.learning.rollout import Episodes, rollout, sampler
 from merap.learning.run_folder import RunFolder
 from merap.learning.running import tasks_of
 from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.threads import one_thread
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
-from merap.mdp.planning import optimum, worst_value
+from merap.online.belief_space import hypothesis_space
+from merap.online.belief_strategy import BeliefStrategy
 from merap.online.curve import Range, Row, Run, as_dict, judged, summary
+from merap.online.running import adaptation, evaluator, executed, reachable_range
+from merap.online.systems import SimulatedSystem
 
 GRADIENT = "gradient"
+BELIEF = "belief"
+STRATEGIES = (GRADIENT, BELIEF)
+MAX_EPISODES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +49,9 @@ class Adaptation:
         strategy: how it was adapted to.
         reachable: what any policy can earn there.
         runs: one for each seed.
-        before: float64 [S, A + 1], the meta policy; the last action is `end`.
-        after: likewise, the policy of the first run after its last step.
+        before: float64 [S, A + 1] or [T, S, A + 1], the policy of the first run before any
+            episode; the last action is `end`.
+        after: likewise, after its last update.
         model: the system's true model, on the canonical index.
     """
 
@@ -70,77 +79,97 @@ def adapt(
     run: RunFolder,
     system: Combination,
     *,
+    strategy: str = GRADIENT,
     episodes_per_step: int = 35,
     steps: int = 30,
     seeds: Sequence[int] = (0,),
     on_step: Callable[[], None] = lambda: None,
 ) -> Adaptation:
-    """Adapt a run's meta policy to a simulated system by gradient steps, once for each seed.
+    """Adapt to a simulated system, once for each seed.
 
     What a seed gives does not depend on the others.
 
     Args:
         run: a finished training run.
         system: an online system or a combination of the run's case.
-        episodes_per_step: B.
-        steps: gradient steps.
+        strategy: `gradient` (gradient steps from the meta policy, `eq:adaptation`) or `belief` (a
+            posterior over what the domain may be, updated after each episode).
+        episodes_per_step: B, of `gradient`.
+        steps: policy updates.
         seeds: of the episodes.
-        on_step: called after each gradient step of each seed.
+        on_step: called after each policy update of each seed.
 
     Raises:
-        InputError: the run is not finished, or there is no seed.
+        InputError: the run is not finished, there is no seed, or no such strategy.
     """
     if not seeds:
         raise InputError("there is no seed to adapt with")
-    meta = read_policy(run, tasks_of(run))
+    if strategy not in STRATEGIES:
+        raise InputError(f"there is no strategy {strategy!r}; allowed: {', '.join(STRATEGIES)}")
     model = model_of(system)
+    reachable = reachable_range(model, system.objective.horizon)
+    runs, policies = [], []
+    with one_thread():
+        adaptations = (
+            _gradient(run, system, model, episodes_per_step)
+            if strategy == GRADIENT
+            else _belief(run, system, model)
+        )
+        for seed in seeds:
+            rows = []
+            for row, policy in islice(adaptations(seed), steps + 1):
+                rows.append((row, policy))
+                on_step()
+            runs.append(judged(seed, [row for row, _ in rows], reachable))
+            policies.append((rows[0][1], rows[-1][1]))
+    before, after = policies[0]
+    return Adaptation(system.name, strategy, reachable, tuple(runs), before, after, model)
+
+
+# By seed: rows without end, with the policy that would act then.
+Adaptations = Callable[[int], Iterator[tuple[Row, Floats]]]
+
+
+def _belief(run: RunFolder, system: Combination, model: TabularMDP) -> Adaptations:
+    space = hypothesis_space(run.case)
     horizon = system.objective.horizon
-    tasks = task_batch([model], horizon, system.discount)
-    reachable = Range(optimum(model, horizon), worst_value(model, horizon))
-    runs, last = [], meta.parameters
-    for index, seed in enumerate(seeds):
-        curve, parameters = [], meta.parameters
-        for row, parameters in _steps(meta, model, tasks, episodes_per_step, steps, seed):  # noqa: B007
-            curve.append(row)
-            on_step()
-        runs.append(judged(seed, curve, reachable))
-        last = parameters if index == 0 else last
-    return Adaptation(
-        system=system.name,
-        strategy=GRADIENT,
-        reachable=reachable,
-        runs=tuple(runs),
-        before=_acting(meta, stack_parameters(meta.parameters, 1), tasks),
-        after=_acting(meta, last, tasks),
-        model=model,
-    )
+    evaluate = evaluator(model, horizon)
+
+    def adaptations(seed: int) -> Iterator[tuple[Row, Floats]]:
+        of_system, of_strategy = np.random.default_rng(seed).spawn(2)
+        strategy = BeliefStrategy(space, horizon, of_strategy)
+        simulated = SimulatedSystem(model, horizon, of_system)
+        for row in adaptation(simulated, strategy, evaluate, MAX_EPISODES):
+            yield row, executed(model, strategy.policy())
+
+    return adaptations
 
 
-def _steps(
-    meta: MetaPolicy, model: TabularMDP, tasks: TaskBatch, num_episodes: int, steps: int, seed: int
-) -> Iterator[tuple[Row, Parameters]]:
-    """Row 0, then one after each gradient step, with the parameters of that moment."""
-    generator = torch.Generator().manual_seed(seed)
-    system = sampler(tasks)
-    parameters = stack_parameters(meta.parameters, 1)
-    yield Row(0, 0, _value(meta, parameters, tasks, model), None), parameters
-    for step in range(1, steps + 1):
-        acting = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
-        episodes = rollout(acting, system, num_episodes, generator)
-        parameters = _stepped(meta, parameters, tasks.enabled, episodes)
-        value = _value(meta, parameters, tasks, model)
-        yield Row(step, step * num_episodes, value, episodes.returns.mean().item()), parameters
+def _gradient(run: RunFolder, system: Combination, model: TabularMDP, num_episodes: int) -> Adaptations:
+    meta = read_policy(run, tasks_of(run))
+    tasks = task_batch([model], system.objective.horizon, system.discount)
+    simulated = sampler(tasks)
+
+    def adaptations(seed: int) -> Iterator[tuple[Row, Floats]]:
+        generator = torch.Generator().manual_seed(seed)
+        parameters = stack_parameters(meta.parameters, 1)
+        sampled_return = None
+        for step in count():
+            policy = _acting(meta, parameters, tasks)
+            value = expected_return(model, policy, tasks.horizon)
+            yield Row(step, step * num_episodes, value, sampled_return), policy
+            exploring = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
+            episodes = rollout(exploring, simulated, num_episodes, generator)
+            sampled_return = episodes.returns.mean().item()
+            parameters = _stepped(meta, parameters, tasks.enabled, episodes)
+
+    return adaptations
 
 
 def _stepped(meta: MetaPolicy, parameters: Parameters, enabled: Tensor, episodes: Episodes) -> Parameters:
     return sampled_step(
         meta.network, parameters, meta.step_sizes, enabled, episodes, meta.rule, meta.variance
     ).parameters
-
-
-def _value(meta: MetaPolicy, parameters: Parameters, tasks: TaskBatch, model: TabularMDP) -> float:
-    """The exact undiscounted value over the horizon, in double precision."""
-    return expected_return(model, _acting(meta, parameters, tasks), tasks.horizon)
 
 
 def _acting(meta: MetaPolicy, parameters: Parameters, tasks: TaskBatch) -> Floats:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from merap.mdp.model import Bools, Floats, Ints
 from merap.online.belief_space import HypothesisSpace
@@ -31,7 +30,7 @@ class Belief:
         environments: int64 [E], those in play.
         dynamics: float64 [E, C, W], log.
         objective: float64 [O, Y], log, with the noise on rewards.
-        coupled: float64 [E, C, W, O, Y], log, to be added to both; None: independent.
+        coupled: float64 [E, C, W, O, Y], log, in place of both; None: they are independent.
         closed: float64 [U, V, W, P], log-likelihood ratio of closed to open, by moves.
         obstacle: float64 [P], log-likelihood ratio of obstacle to none, by detectors.
         learned: nats by which all observations have changed the belief.
@@ -65,13 +64,8 @@ def weights(belief: Belief) -> tuple[Floats, Floats]:
     """The marginals: float64 [E, C, W] of the dynamics and [O, Y] of the objective."""
     if belief.coupled is None:
         return _softmax(belief.dynamics), _softmax(belief.objective)
-    joint = _softmax(_joint(belief))
+    joint = _softmax(belief.coupled)
     return joint.sum(axis=(3, 4)), joint.sum(axis=(0, 1, 2))
-
-
-def _joint(belief: Belief) -> Floats:
-    assert belief.coupled is not None
-    return belief.dynamics[..., np.newaxis, np.newaxis] + belief.objective + belief.coupled
 
 
 def _softmax(log: Floats) -> Floats:
@@ -97,23 +91,37 @@ def reweighted(belief: Belief, dynamics: Floats | None, objective: Floats | None
 
     Args:
         belief: the prior.
-        dynamics: float64 [E, C, W], likelihood; None: it says nothing.
+        dynamics: float64 [E, C, W], log-likelihood; None: it says nothing.
         objective: float64 [O, Y], log-likelihood; None: it says nothing.
 
     Returns:
         The posterior; the prior with one more unexplained observation if all of it is 0.
     """
-    with np.errstate(divide="ignore"):
-        told = None if dynamics is None else np.log(dynamics)
-    parts = (
-        belief.dynamics if told is None else belief.dynamics + told,
-        belief.objective if objective is None else belief.objective + objective,
-    )
-    candidate = replace(belief, dynamics=parts[0], objective=parts[1])
-    total = _log_total(candidate)
-    if not np.isfinite(total):
+    if belief.coupled is not None:
+        told = np.zeros_like(belief.dynamics) if dynamics is None else dynamics
+        of_objective = np.zeros_like(belief.objective) if objective is None else objective
+        return coupled_by(belief, told[..., np.newaxis, np.newaxis] + of_objective)
+    by_dynamics = (belief.dynamics, 0.0) if dynamics is None else _bayes(belief.dynamics, dynamics)
+    by_objective = (belief.objective, 0.0) if objective is None else _bayes(belief.objective, objective)
+    if by_dynamics is None or by_objective is None:
         return replace(belief, unexplained=belief.unexplained + 1)
-    return _in_play(replace(_normalised(candidate), learned=belief.learned + _news(belief, candidate)))
+    learned = belief.learned + by_dynamics[1] + by_objective[1]
+    updated = replace(belief, dynamics=by_dynamics[0], objective=by_objective[0], learned=learned)
+    return updated if dynamics is None else _in_play(updated)
+
+
+def _bayes(prior: Floats, likelihood: Floats) -> tuple[Floats, float] | None:
+    """The normalised posterior and its divergence from the prior in nats, all logs; None if all is 0."""
+    posterior = prior + likelihood
+    top = posterior.max()
+    if top == -np.inf:
+        return None
+    share = np.exp(posterior - top)
+    total = float(share.sum())
+    evidence = float(top) + float(np.log(total))
+    kept = share > 0
+    news = float(share[kept] @ likelihood[kept]) / total - evidence
+    return posterior - evidence, max(news, 0.0)
 
 
 def coupled_by(belief: Belief, likelihood: Floats) -> Belief:
@@ -123,40 +131,23 @@ def coupled_by(belief: Belief, likelihood: Floats) -> Belief:
         belief: the prior.
         likelihood: float64 [E, C, W, O, Y], log.
     """
-    before = 0.0 if belief.coupled is None else belief.coupled
-    candidate = replace(belief, coupled=before + likelihood)
-    if not np.isfinite(_log_total(candidate)):
-        return replace(belief, unexplained=belief.unexplained + 1)
-    return _in_play(replace(_normalised(candidate), learned=belief.learned + _news(belief, candidate)))
-
-
-def _log_total(belief: Belief) -> float:
+    prior = belief.dynamics[..., np.newaxis, np.newaxis] + belief.objective
     if belief.coupled is not None:
-        return float(logsumexp(_joint(belief)))
-    return float(logsumexp(belief.dynamics) + logsumexp(belief.objective))
-
-
-def _normalised(belief: Belief) -> Belief:
-    """Both factors with their largest entry near 0, so that nothing drifts out of range."""
+        prior = prior + belief.coupled
+    found = _bayes(prior, likelihood)
+    if found is None:
+        return replace(belief, unexplained=belief.unexplained + 1)
     return replace(
         belief,
-        dynamics=belief.dynamics - logsumexp(belief.dynamics),
-        objective=belief.objective - logsumexp(belief.objective),
-    )
-
-
-def _news(before: Belief, after: Belief) -> float:
-    """Kullback-Leibler divergence of the marginals, in nats."""
-    return sum(
-        float(np.sum(new[new > 0] * np.log(new[new > 0] / np.maximum(old[new > 0], 1e-300))))
-        for old, new in zip(weights(before), weights(after), strict=True)
+        dynamics=np.zeros_like(belief.dynamics),
+        objective=np.zeros_like(belief.objective),
+        coupled=found[0],
+        learned=belief.learned + found[1],
     )
 
 
 def _in_play(belief: Belief) -> Belief:
     """Without the environments that are refuted."""
-    if belief.coupled is not None:
-        return belief
     best = belief.dynamics.max(axis=(1, 2))
     keep = best > best.max() + NEGLIGIBLE_LOG
     if keep.sum() > 0.7 * len(keep):

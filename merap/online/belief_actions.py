@@ -46,8 +46,7 @@ class ActionTable:
     def telling(self) -> Bools:
         """bool [S]: whether being enabled there tells hypotheses apart."""
         flat = self.enabled.transpose(1, 0, 2).reshape(len(self.target), -1)
-        spread: Bools = flat.any(axis=1) & ~flat.all(axis=1)
-        return spread
+        return np.asarray(flat.any(axis=1) & ~flat.all(axis=1))
 
 
 def action_tables(combinations: Sequence[Sequence[Combination]]) -> tuple[ActionTable, ...]:

@@ -20,6 +20,8 @@ from merap.online.belief_update import family
 
 # Actions that are possible with less than this probability are left out of a plan.
 POSSIBLE = 1e-6
+# Rounding leaves certainty off by less.
+CERTAIN = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +52,16 @@ def mean_model(space: HypothesisSpace, belief: Belief) -> DomainModel:
     dynamics, objective = weights(belief)
     total, is_open = _open_mass(space, belief, dynamics)
     return _model(space, total, is_open, objective.sum(axis=1))
+
+
+def optimistic_model(space: HypothesisSpace, belief: Belief, doubt: float) -> DomainModel:
+    """The mean, with every move open that is open with a probability of at least `doubt`."""
+    dynamics, objective = weights(belief)
+    total, is_open = _open_mass(space, belief, dynamics)
+    everywhere = total.sum()
+    share = is_open.sum(axis=(0, 1, 2)) / everywhere
+    hoped = np.where(share >= doubt, total[..., np.newaxis, np.newaxis], is_open)
+    return _model(space, total, hoped, objective.sum(axis=1))
 
 
 def sampled_model(space: HypothesisSpace, belief: Belief, generator: np.random.Generator) -> DomainModel:
@@ -95,7 +107,9 @@ def _open_mass(
                 if not part.any():
                     continue
                 total[u, v] += part.sum(axis=(0, 1))
-                is_open[u, v] += _known_open(space, belief, part) * (1 - _at_targets(space, unknown[kind, u, v]))
+                is_open[u, v] += _known_open(space, belief, part) * (
+                    1 - _at_targets(space, unknown[kind, u, v])
+                )
     return total, is_open * (space.space.target >= 0)
 
 
@@ -109,14 +123,14 @@ def _known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
     rows = part.any(axis=(1, 2))
     columns = part.any(axis=(0, 2))
     part, environments = part[rows][:, columns], belief.environments[rows]
-    free = ~space.blocked[environments]
+    free = (~space.blocked[environments]).astype(np.float64)
     allowed = (~space.no_entry[columns]).astype(np.float64)
     if space.blocked_edges is None:
         mass = np.einsum("ecw,ep->cwp", part, free, optimize=True)
         return _at_targets(space, np.einsum("cwp,cp->wp", mass, allowed, optimize=True))
-    usable = _at_targets(space, free) & ~space.blocked_edges[environments]
+    usable = _at_targets(space, free) * ~space.blocked_edges[environments]
     mass = np.einsum("ecw,epl->cwpl", part, usable, optimize=True)
-    return np.einsum("cwpl,cpl->wpl", mass, _at_targets(space, allowed), optimize=True)
+    return np.asarray(np.einsum("cwpl,cpl->wpl", mass, _at_targets(space, allowed), optimize=True))
 
 
 def _model(space: HypothesisSpace, total: Floats, is_open: Floats, objective: Floats) -> DomainModel:
@@ -135,7 +149,8 @@ def _model(space: HypothesisSpace, total: Floats, is_open: Floats, objective: Fl
     by_class = total.sum(axis=(1, 2))
     reward = np.tensordot(np.tensordot(by_class, space.reward, 1), objective, (0, 0))
     ends = np.tensordot(np.tensordot(by_class, space.ends, 1), objective, (0, 0))
-    return DomainModel(target, prob, enabled, reward, 1 - np.minimum(ends, 1))
+    going = np.where(ends > 1 - CERTAIN, 0.0, 1 - ends)
+    return DomainModel(target, prob, enabled, reward, going)
 
 
 def _mean_slots(space: HypothesisSpace, table: ActionTable, total: Floats, is_open: Floats) -> Floats:
@@ -148,7 +163,7 @@ def _mean_slots(space: HypothesisSpace, table: ActionTable, total: Floats, is_op
     pattern = np.repeat(pattern, space.num_modes, axis=3)
     done = np.einsum("uvwsr,w,uvsrk->sk", pattern, 1 - space.slips, table.prob, optimize=True)
     done[:, 0] += np.einsum("uvwsr,w,vsr->s", pattern, space.slips, table.enabled * 1.0, optimize=True)
-    return done
+    return np.asarray(done)
 
 
 def tabular(space: HypothesisSpace, model: DomainModel, initial: Floats) -> TabularMDP:
@@ -170,7 +185,9 @@ def tabular(space: HypothesisSpace, model: DomainModel, initial: Floats) -> Tabu
     branches = Branches(
         state=np.concatenate([state, state, [completed]]),
         action=np.concatenate([action, action, [len(names) - 1]]),
-        target=np.concatenate([model.target[action, state, slot], np.full(len(state), completed), [completed]]),
+        target=np.concatenate(
+            [model.target[action, state, slot], np.full(len(state), completed), [completed]]
+        ),
         prob=np.concatenate([prob * going, prob * (1 - going), [1.0]]),
         reward=np.concatenate([reward, reward, [0.0]]),
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.mdp.model import Floats, Ints
+from merap.mdp.model import Bools, Floats, Ints
 from merap.online.belief import Belief, weights
 from merap.online.belief_model import DomainModel
 from merap.online.belief_space import HypothesisSpace
@@ -17,7 +17,7 @@ from merap.online.belief_space import HypothesisSpace
 IMPOSSIBLE = -1e18
 # Objectives whose own optimum counts in the price of information: the likeliest of these many.
 MAX_OBJECTIVES = 64
-MAX_OUTCOMES = 64
+CERTAIN = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +68,11 @@ def objective_information(space: HypothesisSpace, belief: Belief, model: DomainM
     """
     _, objective = weights(belief)
     mass = objective.sum(axis=1)
-    likely = np.flatnonzero(mass > 0)
+    likely = np.flatnonzero(mass > CERTAIN)
+    if len(likely) == 1:
+        return np.zeros(model.enabled.shape)
     u = int(np.bincount(space.attribute_class[belief.environments]).argmax())
-    codes = _outcome_codes(space)[u][likely]
+    codes = space.outcome_codes[u][likely]
     share = np.stack(
         [np.tensordot(mass[likely], codes == code, 1) for code in range(int(codes.max(initial=0)) + 1)]
     )
@@ -79,15 +81,9 @@ def objective_information(space: HypothesisSpace, belief: Belief, model: DomainM
     return np.maximum(information, 0.0)
 
 
-def _outcome_codes(space: HypothesisSpace) -> Ints:
-    """int64 [U, O, A, S, K]: equal where reward and end are; beyond `MAX_OUTCOMES` rewards are binned."""
-    rewards = np.unique(np.round(space.reward, 9))
-    if len(rewards) > MAX_OUTCOMES:
-        rewards = np.quantile(rewards, np.linspace(0, 1, MAX_OUTCOMES))
-    return 2 * np.searchsorted(rewards, np.round(space.reward, 9)) + space.ends
-
-
-def information_price(space: HypothesisSpace, belief: Belief, model: DomainModel, plan_: Plan, start: Floats) -> float:
+def information_price(
+    space: HypothesisSpace, belief: Belief, model: DomainModel, plan_: Plan, start: Floats
+) -> float:
     """What a nat about the objective is worth per episode to come.
 
     The gain of knowing the objective, `E_o[max_pi V_o] - max_pi E_o[V_o]`, over its entropy.
@@ -112,7 +108,7 @@ def information_price(space: HypothesisSpace, belief: Belief, model: DomainModel
     return max(0.0, informed - float(plan_.values[0] @ start)) / entropy
 
 
-def _best_values(model: DomainModel, reward: Floats, ends: Floats, horizon: int) -> Floats:
+def _best_values(model: DomainModel, reward: Floats, ends: Bools, horizon: int) -> Floats:
     """float64 [O, S], the optimum under each objective with the mean dynamics."""
     expected = np.einsum("ask,oask->oas", model.prob, reward)
     onward = model.prob * ~ends

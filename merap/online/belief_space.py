@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from merap.mdp.model import Bools, Floats, Ints
 from merap.online.belief_actions import ActionTable, action_tables
 
 MAX_TABLE = 100_000_000
+MAX_OUTCOMES = 64
 # Standard deviations of reward noise, in units of the range of all rewards. The first stands for
 # none: a hundred-thousandth hides rounding and nothing else.
 QUIET = 1e-5
@@ -59,7 +61,9 @@ class Outside:
     def __post_init__(self) -> None:
         for name in ("environment", "capability", "objective", "slip"):
             if not 0 < getattr(self, name) < 1:
-                raise InputError(f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}")
+                raise InputError(
+                    f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}"
+                )
         if not self.slips or not all(0 < slip < 1 for slip in self.slips):
             raise InputError(f"slips must be probabilities in (0, 1), not {self.slips}")
 
@@ -130,6 +134,14 @@ class HypothesisSpace:
         """S, without the completed state."""
         return len(self.valuations) - 1
 
+    @cached_property
+    def outcome_codes(self) -> Ints:
+        """int64 [U, O, A, S, K], equal where reward and completion are (many rewards: are close)."""
+        rewards = np.unique(np.round(self.reward, 9))
+        if len(rewards) > MAX_OUTCOMES:
+            rewards = np.quantile(rewards, np.linspace(0, 1, MAX_OUTCOMES))
+        return 2 * np.searchsorted(rewards, np.round(self.reward, 9)) + self.ends
+
 
 def hypothesis_space(
     case: CaseStudy, outside: Outside | None = None, noise: float | None = None
@@ -148,7 +160,9 @@ def hypothesis_space(
     supports = case.supports
     environments, capabilities = list(supports.environment), list(supports.capability)
     attribute_class, attribute_members = _classes([id(one.attributes) for one in environments])
-    capability_class, capability_members = _classes([repr((one.external, one.innate)) for one in capabilities])
+    capability_class, capability_members = _classes(
+        [repr((one.external, one.innate)) for one in capabilities]
+    )
     representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
     tables = action_tables(representatives)
     base = list(supports.objective)

@@ -43,7 +43,7 @@ def family(space: HypothesisSpace, belief: Belief) -> Ints:
     unknown_environment = belief.environments == len(space.environment_names) - 1
     num_classes = space.capability_class[-1] + 1
     unknown_capability = np.arange(len(space.capability_names)) >= len(space.capability_names) - num_classes
-    return unknown_environment[:, np.newaxis] + 2 * unknown_capability
+    return np.asarray(unknown_environment[:, np.newaxis] + 2 * unknown_capability)
 
 
 def observe_presence(space: HypothesisSpace, belief: Belief, state: int) -> Belief:
@@ -53,7 +53,8 @@ def observe_presence(space: HypothesisSpace, belief: Belief, state: int) -> Beli
     evidence = belief.closed.copy()
     evidence[..., location] = -np.inf
     if closed.any():
-        belief = reweighted(belief, np.repeat(~closed[..., np.newaxis], len(space.slips), axis=2) * 1.0, None)
+        likelihood = np.where(closed[..., np.newaxis], -np.inf, np.zeros(len(space.slips)))
+        belief = reweighted(belief, likelihood, None)
     return replace(belief, closed=evidence)
 
 
@@ -82,8 +83,8 @@ def observe_step(space: HypothesisSpace, belief: Belief, step: Step) -> Belief:
     slots, log_reward = slots[..., possible], log_reward[:, possible]
     same = log_reward.size > 0 and bool(np.all(log_reward == log_reward[:1, :1]))
     if same:
-        belief = reweighted(belief, None, log_reward[0, 0])
-        return _told_by_pattern(space, belief, table, step.state, slots.sum(axis=-1))
+        likelihood = slots.sum(axis=-1)
+        return _told_by_pattern(space, belief, table, step.state, likelihood, log_reward[0, 0])
     return _coupled(space, belief, table, step.state, slots, log_reward)
 
 
@@ -107,13 +108,29 @@ def _log_rewards(space: HypothesisSpace, step: Step, num_slots: int) -> Floats:
 
 
 def _told_by_pattern(
-    space: HypothesisSpace, belief: Belief, table: ActionTable, state: int, likelihood: Floats
+    space: HypothesisSpace,
+    belief: Belief,
+    table: ActionTable,
+    state: int,
+    likelihood: Floats,
+    objective: Floats | None = None,
 ) -> Belief:
-    """An observation whose likelihood is a table [U, V, W, R] by pattern of open moves."""
+    """An observation whose likelihood depends on the pattern of open moves and, apart, on the objective.
+
+    Args:
+        space: the hypotheses.
+        belief: the prior.
+        table: of the action.
+        state: where it is taken.
+        likelihood: float64 [U, V, W, R].
+        objective: float64 [O, Y], log-likelihood; None: it says nothing.
+    """
     if np.all(likelihood == likelihood.flat[0]) and likelihood.flat[0] > 0:
-        return belief
+        return reweighted(belief, None, objective)
     averaged = with_unknown(likelihood, _unknown_closed(space, belief, table, state))
-    updated = reweighted(belief, _gathered(space, belief, table, state, averaged), None)
+    updated = reweighted(belief, _gathered(space, belief, table, state, _log(averaged)), objective)
+    if updated.unexplained > belief.unexplained:
+        return updated
     return replace(updated, closed=_evidence(space, belief, table, state, likelihood))
 
 
@@ -125,7 +142,8 @@ def _gathered(
     pattern = (is_open << np.arange(len(table.moves))).sum(axis=2)
     attributes = space.attribute_class[belief.environments][:, np.newaxis]
     by_pattern = np.moveaxis(averaged, 3, 4)
-    return by_pattern[family(space, belief), attributes, space.capability_class, pattern]
+    gathered: Floats = by_pattern[family(space, belief), attributes, space.capability_class, pattern]
+    return gathered
 
 
 def _unknown_closed(space: HypothesisSpace, belief: Belief, table: ActionTable, state: int) -> Floats:
@@ -154,9 +172,7 @@ def _evidence(
         others[..., bit] = 0.0
         averaged = with_unknown(likelihood, others)[0]
         existing = sum(
-            1 << other
-            for other, label in enumerate(table.moves)
-            if space.space.target[location, label] >= 0
+            1 << other for other, label in enumerate(table.moves) if space.space.target[location, label] >= 0
         )
         is_open = averaged[..., existing]
         closed = averaged[..., existing ^ (1 << bit)]
@@ -183,19 +199,15 @@ def _coupled(
     attributes = space.attribute_class[belief.environments]
     dynamics, objective = weights(belief)
     by_class = np.einsum("ukoy,oy->uk", density, objective)
-    evidence = _evidence(
-        space, belief, table, state, np.einsum("uvwrk,uk->uvwr", slots, by_class)
-    )
+    evidence = _evidence(space, belief, table, state, np.einsum("uvwrk,uk->uvwr", slots, by_class))
     if by_slot[..., 0].size * objective.size <= MAX_COUPLED:
         joint = np.einsum("ecwk,ekoy->ecwoy", by_slot, density[attributes], optimize=True)
-        with np.errstate(divide="ignore"):
-            updated = coupled_by(belief, np.log(joint))
+        updated = coupled_by(belief, _log(joint))
     else:
         shares = np.zeros((len(density), by_slot.shape[3]))
         np.add.at(shares, attributes, np.einsum("ecw,ecwk->ek", dynamics, by_slot))
-        with np.errstate(divide="ignore"):
-            of_objective = np.log(np.einsum("uk,ukoy->oy", shares, density))
-        of_dynamics = np.einsum("ecwk,ek->ecw", by_slot, by_class[attributes])
+        of_objective = _log(np.einsum("uk,ukoy->oy", shares, density))
+        of_dynamics = _log(np.einsum("ecwk,ek->ecw", by_slot, by_class[attributes]))
         updated = reweighted(belief, of_dynamics, of_objective)
     return replace(updated, closed=evidence)
 
@@ -212,7 +224,9 @@ def observe_detections(space: HypothesisSpace, belief: Belief, detections: Mappi
     known = {detector.name: detector for detector in space.space.detectors}
     for name, readings in detections.items():
         if name not in known or not isinstance(readings, Mapping):
-            raise InputError(f"unexpected detection {name!r}: {readings!r}; a reading maps locations to values")
+            raise InputError(
+                f"unexpected detection {name!r}: {readings!r}; a reading maps locations to values"
+            )
         locations = np.array([_location(space, place) for place in readings], dtype=np.int64)
         values = np.array([float(value) for value in readings.values()])
         if len(locations) == 0:
@@ -244,7 +258,7 @@ def _saw_obstacles(
     chance = unknown[kinds, attributes, space.capability_class]  # [E, C, W, M]
     held = space.blocked[belief.environments][:, np.newaxis, np.newaxis, locations]
     chance = np.where(held, 1.0, chance)
-    updated = reweighted(belief, np.prod(chance * right + (1 - chance) * wrong, axis=-1), None)
+    updated = reweighted(belief, _log(chance * right + (1 - chance) * wrong).sum(axis=-1), None)
     evidence = belief.obstacle.copy()
     evidence[locations] = added(evidence[locations], right, wrong)
     return replace(updated, obstacle=evidence)
@@ -257,6 +271,14 @@ def _saw_attribute(
     attribute = space.space.attributes[declared.index(name)]
     others = max(1.0, attribute.high - attribute.low) if attribute.kind != "bool" else 1.0
     actual = space.attributes[:, declared.index(name)][:, locations]
-    likelihood = np.where(actual == values, accuracy, (1 - accuracy) / others).prod(axis=1)  # [U]
+    likelihood = _log(np.where(actual == values, accuracy, (1 - accuracy) / others)).sum(axis=1)  # [U]
     by_environment = likelihood[space.attribute_class[belief.environments]]
-    return reweighted(belief, by_environment[:, np.newaxis, np.newaxis] * np.ones_like(belief.dynamics), None)
+    return reweighted(
+        belief, by_environment[:, np.newaxis, np.newaxis] + np.zeros_like(belief.dynamics), None
+    )
+
+
+def _log(likelihood: Floats) -> Floats:
+    with np.errstate(divide="ignore"):
+        logarithm: Floats = np.log(likelihood)
+    return logarithm

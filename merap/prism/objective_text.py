@@ -74,7 +74,9 @@ def _flag(writer: StepWriter, action: str) -> str:
     if ends_after is None:
         return "true"
     condition = writer.holds(ends_after, action, Branch("1"))
-    return "true" if condition == "false" else f"(done'=({bare(condition)}))"
+    if condition in ("true", "false"):
+        return "(done'=true)" if condition == "true" else "true"
+    return f"(done'=({bare(condition)}))"
 
 
 def _shift(combination: Combination) -> int:

@@ -21,6 +21,8 @@ from merap.prism.step_text import StepWriter
 from merap.prism.terms import bare, conjunction
 
 WIDTH = 120
+_GLUE = "\0"
+_UNBROKEN = re.compile(r" \? | :|\([^()?|]*\)")
 
 
 def render(combination: Combination) -> str:
@@ -71,12 +73,16 @@ def _wrapped(line: str) -> str:
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     terms = _terms(line)
     lines = [terms[0], *(f"{indent}+ {term}" for term in terms[1:])]
-    return "\n".join(
-        textwrap.fill(
-            part, WIDTH, subsequent_indent=indent + "  ", break_long_words=False, break_on_hyphens=False
-        )
-        for part in lines
+    return "\n".join(_filled(part, indent + "  ") for part in lines)
+
+
+def _filled(line: str, indent: str) -> str:
+    """The line broken at spaces, but not within a box nor between a case and its value."""
+    kept = _UNBROKEN.sub(lambda found: found[0].replace(" ", _GLUE), line)
+    filled = textwrap.fill(
+        kept, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
+    return filled.replace(_GLUE, " ")
 
 
 def _terms(line: str) -> list[str]:

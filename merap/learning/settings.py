@@ -1,0 +1,66 @@
+"""Settings from a file and from `key=value` words, checked against `TrainingConfig`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from merap.concerns.names import suggestion
+from merap.concerns.yaml_file import read_document
+from merap.errors import InputError
+from merap.learning.config import TrainingConfig
+
+
+def read_config(file: Path | None, words: Sequence[str], **given: Any) -> TrainingConfig:
+    """The settings of a run; later sources win: defaults, file, words, options.
+
+    Args:
+        file: a YAML mapping of settings.
+        words: `key=value` each, the value in YAML.
+        **given: settings from options of their own; None for those not given.
+
+    Raises:
+        InputError: an unknown setting or a value that is not allowed; names it.
+    """
+    settings: dict[str, Any] = {}
+    if file is not None:
+        settings |= _checked(read_document(file).data, str(file))
+    for word in words:
+        settings |= _checked(_parsed(word), f"--set {word}")
+    options = {name: value for name, value in given.items() if value is not None}
+    settings |= _checked(options, "options")
+    return TrainingConfig.model_validate(settings)
+
+
+def _parsed(word: str) -> Mapping[str, Any]:
+    key, equals, text = word.partition("=")
+    if not equals:
+        raise InputError(f"expected key=value, got {word!r}", source="--set")
+    try:
+        return {key: YAML(typ="safe", pure=True).load(text)}
+    except YAMLError as error:
+        raise InputError(f"the value of {key!r} is not YAML: {text!r}", source="--set") from error
+
+
+def _checked(settings: Mapping[str, Any], source: str) -> Mapping[str, Any]:
+    """The same, if each is a setting with an allowed value."""
+    for key in settings:
+        if key not in TrainingConfig.model_fields:
+            raise InputError(
+                f"unknown setting{suggestion(str(key), TrainingConfig.model_fields)}",
+                source=source,
+                key=str(key),
+            )
+    try:
+        TrainingConfig.model_validate(settings)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(
+            f"{first['msg']}, got {first['input']!r}", source=source, key=".".join(map(str, first["loc"]))
+        ) from error
+    return settings

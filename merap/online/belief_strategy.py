@@ -1,0 +1,196 @@
+"""The strategy `belief`: keep a posterior over what the domain may be, plan on it, look where it pays.
+
+Axes: T steps, S states, A actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from merap.mdp.model import Bools, Floats
+from merap.online.belief import Belief, prior_belief
+from merap.online.belief_explanation import explain
+from merap.online.belief_model import DomainModel, mean_model, optimistic_model, sampled_model
+from merap.online.belief_planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
+from merap.online.belief_space import HypothesisSpace
+from merap.online.belief_testing import trial
+from merap.online.belief_update import (
+    Step,
+    observe_detections,
+    observe_enabled,
+    observe_presence,
+    observe_step,
+)
+from merap.online.strategy import StateIndex, best_allowed
+from merap.online.systems import Observation
+
+Exploration = Literal["information", "mean", "thompson"]
+# A policy [T, S, A] (S without the completed state) from the mean model and the plan on it.
+Planner = Callable[[Belief, DomainModel, Plan], Floats]
+TIES = 1e-9
+WORTH_REPLANNING = 1e-3
+# Per nat, in units of the range of rewards.
+NEGLIGIBLE_PRICE = 1e-3
+
+
+@dataclass(frozen=True)
+class BeliefSettings:
+    """How `belief` explores.
+
+    Attributes:
+        exploration: `information` adds to a step's reward what it tells of the objective, at the
+            price of a nat; `mean` plans on the mean alone; `thompson` plans on samples.
+        episodes_ahead: over how many episodes information pays, at least: as many are taken to
+            lie ahead as there have been.
+        doubt: moves that are open with a probability below are not worth a thought.
+    """
+
+    exploration: Exploration = "information"
+    episodes_ahead: float = 10.0
+    doubt: float = 1e-3
+
+
+class BeliefStrategy:
+    """Adapts by inference; see `strategy.Strategy`.
+
+    Args:
+        space: the hypotheses of the case.
+        horizon: T.
+        generator: of samples, and of preferences among equally good actions.
+        settings: how it explores.
+        planner: makes the policy that would act if learning stopped; None: the best plan on the mean.
+    """
+
+    episodes_per_update = 1
+
+    def __init__(
+        self,
+        space: HypothesisSpace,
+        horizon: int,
+        generator: np.random.Generator,
+        settings: BeliefSettings | None = None,
+        planner: Planner | None = None,
+    ) -> None:
+        self._space = space
+        self._horizon = horizon
+        self._generator = generator
+        self._settings = settings or BeliefSettings()
+        self._planner = planner
+        self._index = StateIndex(space.valuations)
+        scale = TIES * (float(np.ptp(space.reward)) or 1.0)
+        self._ties = scale * generator.random((len(space.actions), space.num_states))
+        self._lexicographic = any(table.telling.any() for table in space.actions)
+        self.belief = prior_belief(space)
+        self._start = space.initial
+        self._state, self._time = -1, 0
+        self._negligible = NEGLIGIBLE_PRICE * scale / TIES
+        self._episodes = -1
+        self._price = 0.0
+        self.update()
+        self._acting, self._planned_at, self._learned = self._plan, 0, 0.0
+
+    def begin(self, observation: Observation) -> None:
+        """An episode begins."""
+        self._state, self._time = self._index(observation), 0
+        self._start = np.zeros(self._space.num_states)
+        self._start[self._state] = 1.0
+        self.belief = observe_presence(self._space, self.belief, self._state)
+        self._look(observation)
+        self._replan()
+
+    def _look(self, observation: Observation) -> None:
+        if self._state < self._space.num_states:
+            self.belief = observe_enabled(self._space, self.belief, self._state, observation.enabled)
+        if observation.detections:
+            self.belief = observe_detections(self._space, self.belief, observation.detections)
+
+    def act(self, allowed: Bools) -> int:
+        """The next action."""
+        if self.belief.learned - self._learned > WORTH_REPLANNING:
+            self._replan()
+        return best_allowed(self._acting.ranked[self._time - self._planned_at, self._state], allowed)
+
+    def _replan(self) -> None:
+        """For the steps that remain."""
+        remaining = self._horizon - self._time
+        self._planned_at, self._learned = self._time, self.belief.learned
+        if self._settings.exploration == "thompson":
+            model = sampled_model(self._space, self.belief, self._generator)
+            self._acting = plan(model, remaining, ties=self._ties)
+            return
+        model = mean_model(self._space, self.belief)
+        extra = self._bonus(model)
+        self._acting = plan(model, remaining, extra, self._ties)
+        if extra is None and self._settings.exploration == "information":
+            self._acting = self._hope(model, self._acting) or self._acting
+
+    def _hope(self, model: DomainModel, best: Plan) -> Plan | None:
+        """The plan on what may be open, if it pays to try it."""
+        hoped = optimistic_model(self._space, self.belief, self._settings.doubt)
+        hope = plan(hoped, len(best.actions), ties=self._ties)
+        pays = trial(model, best, hoped, hope, self._state).pays(self._ahead)
+        return hope if pays else None
+
+    @property
+    def _ahead(self) -> float:
+        return max(self._settings.episodes_ahead, self._episodes)
+
+    def _bonus(self, model: DomainModel) -> Floats | None:
+        if self._price < self._negligible:
+            return None
+        return self._price * objective_information(self._space, self.belief, model)
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to."""
+        target = self._index(observation)
+        step = Step(self._state, action, target, observation.reward)
+        self.belief = observe_step(self._space, self.belief, step)
+        self._state = target
+        self._time += 1
+        self._look(observation)
+
+    def update(self) -> None:
+        """Plan on what is believed now."""
+        self._model = mean_model(self._space, self.belief)
+        self._plan = plan(self._model, self._horizon, ties=self._ties)
+        self._price = 0.0
+        self._episodes += 1
+        if self._settings.exploration == "information":
+            price = information_price(self._space, self.belief, self._model, self._plan, self._start)
+            self._price = self._ahead * price
+
+    def policy(self) -> Floats:
+        """float64 [T, S, A]: the best plan on the mean model, or what the planner makes of it."""
+        if self._planner is not None:
+            table = self._planner(self.belief, self._model, self._plan)
+        else:
+            table = _by_rank(self._plan.ranked) if self._lexicographic else _best(self._plan)
+        completed = np.full((len(table), 1, table.shape[2]), 1 / table.shape[2])
+        return np.concatenate([table, completed], axis=1)
+
+    def explain(self) -> tuple[str, ...]:
+        """What is believed, and what that means for the next episode."""
+        if self._settings.exploration == "thompson":
+            reason = "acts on a sample of the belief"
+        elif self._price >= self._negligible:
+            reason = f"looks for the objective, at {self._price:.2g} a nat"
+        else:
+            reason = "acts on the mean of the belief"
+        return explain(self._space, self.belief, reason)
+
+
+def _best(best: Plan) -> Floats:
+    """float64 [T, S, A], deterministic."""
+    chosen: Floats = (best.actions[..., np.newaxis] == np.arange(best.ranked.shape[2])).astype(np.float64)
+    return chosen
+
+
+def _by_rank(ranked: Floats) -> Floats:
+    """float64 [T, S, A]: all but certainly the best action that turns out to be enabled."""
+    rank = np.argsort(np.argsort(-ranked, axis=-1, kind="stable"), axis=-1)
+    share = np.where(ranked > IMPOSSIBLE / 2, 1e-9 ** rank.astype(np.float64), 0.0)
+    return np.asarray(share / np.maximum(share.sum(axis=-1, keepdims=True), 1e-300))
