@@ -73,7 +73,9 @@ def grid_model(task: GridTask, slip: float = 0.0) -> TabularMDP:
     target = np.where(np.isin(target, closed), state, target)
     at_goal = state == task.goal[0] * SIZE + task.goal[1]
     reward = np.where(at_goal & (action == 0), 10.0, -0.5)
-    moved = Branches(state, action, np.where(at_goal, COMPLETED, target), np.full(len(state), 1 - slip), reward)
+    moved = Branches(
+        state, action, np.where(at_goal, COMPLETED, target), np.full(len(state), 1 - slip), reward
+    )
     slipped = Branches(state, action, np.where(at_goal, COMPLETED, state), np.full(len(state), slip), reward)
     return _assemble(moved, slipped)
 

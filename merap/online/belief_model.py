@@ -5,7 +5,7 @@ Axes as in `belief_space`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,18 +50,18 @@ def mean_model(space: HypothesisSpace, belief: Belief) -> DomainModel:
     The moves of an action that has several are taken as independent of each other.
     """
     dynamics, objective = weights(belief)
-    total, is_open = _open_mass(space, belief, dynamics)
-    return _model(space, total, is_open, objective.sum(axis=1))
+    return _model(space, *_open_mass(space, belief, dynamics), objective.sum(axis=1))
 
 
-def optimistic_model(space: HypothesisSpace, belief: Belief, doubt: float) -> DomainModel:
-    """The mean, with every move open that is open with a probability of at least `doubt`."""
+def mean_and_hope(space: HypothesisSpace, belief: Belief, doubt: float) -> tuple[DomainModel, DomainModel]:
+    """The mean, and the mean with every move open that is open with a probability of at least `doubt`."""
     dynamics, objective = weights(belief)
     total, is_open = _open_mass(space, belief, dynamics)
-    everywhere = total.sum()
-    share = is_open.sum(axis=(0, 1, 2)) / everywhere
+    share = is_open.sum(axis=(0, 1, 2)) / total.sum()
     hoped = np.where(share >= doubt, total[..., np.newaxis, np.newaxis], is_open)
-    return _model(space, total, hoped, objective.sum(axis=1))
+    mean = _model(space, total, is_open, objective.sum(axis=1))
+    prob, enabled = _transitions(space, total, hoped)
+    return mean, replace(mean, prob=prob, enabled=enabled)
 
 
 def sampled_model(space: HypothesisSpace, belief: Belief, generator: np.random.Generator) -> DomainModel:
@@ -126,44 +126,53 @@ def _known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
     free = (~space.blocked[environments]).astype(np.float64)
     allowed = (~space.no_entry[columns]).astype(np.float64)
     if space.blocked_edges is None:
-        mass = np.einsum("ecw,ep->cwp", part, free, optimize=True)
-        return _at_targets(space, np.einsum("cwp,cp->wp", mass, allowed, optimize=True))
+        mass = np.tensordot(part, free, (0, 0))  # [C, W, P]
+        return _at_targets(space, (mass * allowed[:, np.newaxis]).sum(axis=0))
     usable = _at_targets(space, free) * ~space.blocked_edges[environments]
-    mass = np.einsum("ecw,epl->cwpl", part, usable, optimize=True)
-    return np.asarray(np.einsum("cwpl,cpl->wpl", mass, _at_targets(space, allowed), optimize=True))
+    mass = np.tensordot(part, usable, (0, 0))  # [C, W, P, L]
+    known: Floats = (mass * _at_targets(space, allowed)[:, np.newaxis]).sum(axis=0)
+    return known
 
 
 def _model(space: HypothesisSpace, total: Floats, is_open: Floats, objective: Floats) -> DomainModel:
-    num_actions, num_states, num_slots = space.reward.shape[2:]
-    target = np.repeat(np.arange(num_states)[np.newaxis, :, np.newaxis], num_actions, axis=0)
-    target = np.repeat(target, num_slots, axis=2)
-    prob = np.zeros(target.shape)
-    enabled = np.zeros(target.shape[:2], dtype=np.bool_)
+    prob, enabled = _transitions(space, total, is_open)
+    target = np.repeat(np.arange(space.num_states)[:, np.newaxis], prob.shape[2], axis=1)
+    target = np.repeat(target[np.newaxis], len(prob), axis=0)
     for number, table in enumerate(space.actions):
-        width = table.target.shape[1]
-        target[number, :, :width] = table.target
-        prob[number, :, :width] = _mean_slots(space, table, total, is_open)
-        possible = prob[number].sum(axis=1)
-        enabled[number] = possible > POSSIBLE
-        prob[number, :, 0] += 1 - possible
+        target[number, :, : table.target.shape[1]] = table.target
+    left = np.flatnonzero(objective)
     by_class = total.sum(axis=(1, 2))
-    reward = np.tensordot(np.tensordot(by_class, space.reward, 1), objective, (0, 0))
-    ends = np.tensordot(np.tensordot(by_class, space.ends, 1), objective, (0, 0))
+    reward = np.tensordot(by_class, np.tensordot(objective[left], space.reward[:, left], (0, 1)), 1)
+    ends = np.tensordot(by_class, np.tensordot(objective[left], space.ends[:, left], (0, 1)), 1)
     going = np.where(ends > 1 - CERTAIN, 0.0, 1 - ends)
     return DomainModel(target, prob, enabled, reward, going)
 
 
-def _mean_slots(space: HypothesisSpace, table: ActionTable, total: Floats, is_open: Floats) -> Floats:
-    """float64 [S, K]."""
-    share = is_open[..., list(table.moves)] / np.maximum(total, 1e-300)[..., np.newaxis, np.newaxis]
-    pattern = total[..., np.newaxis, np.newaxis] * np.ones((is_open.shape[3], 1))  # [U, V, W, P, R]
-    for bit in range(len(table.moves)):
-        now_open = share[..., bit, np.newaxis]
+def _transitions(space: HypothesisSpace, total: Floats, is_open: Floats) -> tuple[Floats, Bools]:
+    """Probabilities [A, S, K] and what is possible [A, S]."""
+    num_slots = max(table.target.shape[1] for table in space.actions)
+    prob = np.zeros((len(space.actions), space.num_states, num_slots))
+    share = is_open / np.maximum(total, 1e-300)[..., np.newaxis, np.newaxis]
+    for number, table in enumerate(space.actions):
+        prob[number, :, : table.target.shape[1]] = _mean_slots(space, table, total, share)
+    possible = prob.sum(axis=2)
+    prob[:, :, 0] += np.maximum(1 - possible, 0)
+    return prob, possible > POSSIBLE
+
+
+def _mean_slots(space: HypothesisSpace, table: ActionTable, total: Floats, share: Floats) -> Floats:
+    """float64 [S, K], from the share of open moves [U, V, W, P, L]."""
+    pattern = total[..., np.newaxis, np.newaxis] * np.ones((share.shape[3], 1))  # [U, V, W, P, R]
+    for move in table.moves:
+        now_open = share[..., move, np.newaxis]
         pattern = np.concatenate([pattern * (1 - now_open), pattern * now_open], axis=-1)
-    pattern = np.repeat(pattern, space.num_modes, axis=3)
-    done = np.einsum("uvwsr,w,uvsrk->sk", pattern, 1 - space.slips, table.prob, optimize=True)
-    done[:, 0] += np.einsum("uvwsr,w,vsr->s", pattern, space.slips, table.enabled * 1.0, optimize=True)
-    return np.asarray(done)
+    if space.num_modes > 1:
+        pattern = np.repeat(pattern, space.num_modes, axis=3)
+    works = np.tensordot(pattern, 1 - space.slips, (2, 0))  # [U, V, S, R]
+    slips = np.tensordot(pattern, space.slips, (2, 0))
+    slots: Floats = (works[..., np.newaxis] * table.prob).sum(axis=(0, 1, 3))
+    slots[:, 0] += (slips * table.enabled).sum(axis=(0, 1, 3))
+    return slots
 
 
 def tabular(space: HypothesisSpace, model: DomainModel, initial: Floats) -> TabularMDP:

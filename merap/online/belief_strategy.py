@@ -14,7 +14,7 @@ import numpy as np
 from merap.mdp.model import Bools, Floats
 from merap.online.belief import Belief, prior_belief
 from merap.online.belief_explanation import explain
-from merap.online.belief_model import DomainModel, mean_model, optimistic_model, sampled_model
+from merap.online.belief_model import DomainModel, mean_and_hope, sampled_model
 from merap.online.belief_planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
 from merap.online.belief_space import HypothesisSpace
 from merap.online.belief_testing import trial
@@ -50,7 +50,7 @@ class BeliefSettings:
     """
 
     exploration: Exploration = "information"
-    episodes_ahead: float = 10.0
+    episodes_ahead: float = 100.0
     doubt: float = 1e-3
 
 
@@ -90,6 +90,7 @@ class BeliefStrategy:
         self._negligible = NEGLIGIBLE_PRICE * scale / TIES
         self._episodes = -1
         self._price = 0.0
+        self._modelled: Belief | None = None
         self.update()
         self._acting, self._planned_at, self._learned = self._plan, 0, 0.0
 
@@ -122,15 +123,21 @@ class BeliefStrategy:
             model = sampled_model(self._space, self.belief, self._generator)
             self._acting = plan(model, remaining, ties=self._ties)
             return
-        model = mean_model(self._space, self.belief)
+        model, hoped = self._models()
         extra = self._bonus(model)
         self._acting = plan(model, remaining, extra, self._ties)
         if extra is None and self._settings.exploration == "information":
-            self._acting = self._hope(model, self._acting) or self._acting
+            self._acting = self._hope(model, hoped, self._acting) or self._acting
 
-    def _hope(self, model: DomainModel, best: Plan) -> Plan | None:
+    def _models(self) -> tuple[DomainModel, DomainModel]:
+        """The mean and the hope, made once for a belief."""
+        if self._modelled is not self.belief:
+            self._modelled = self.belief
+            self._mean_and_hope = mean_and_hope(self._space, self.belief, self._settings.doubt)
+        return self._mean_and_hope
+
+    def _hope(self, model: DomainModel, hoped: DomainModel, best: Plan) -> Plan | None:
         """The plan on what may be open, if it pays to try it."""
-        hoped = optimistic_model(self._space, self.belief, self._settings.doubt)
         hope = plan(hoped, len(best.actions), ties=self._ties)
         pays = trial(model, best, hoped, hope, self._state).pays(self._ahead)
         return hope if pays else None
@@ -155,7 +162,7 @@ class BeliefStrategy:
 
     def update(self) -> None:
         """Plan on what is believed now."""
-        self._model = mean_model(self._space, self.belief)
+        self._model, _ = self._models()
         self._plan = plan(self._model, self._horizon, ties=self._ties)
         self._price = 0.0
         self._episodes += 1

@@ -50,6 +50,8 @@ def observe_presence(space: HypothesisSpace, belief: Belief, state: int) -> Beli
     """The system is there, so the location is not closed."""
     location = state // space.num_modes
     closed = space.blocked[belief.environments, location][:, np.newaxis] | space.no_entry[:, location]
+    if not closed.any() and np.all(belief.closed[..., location] == -np.inf):
+        return belief
     evidence = belief.closed.copy()
     evidence[..., location] = -np.inf
     if closed.any():

@@ -1,4 +1,4 @@
-"""Adaptation curves: what the policy is worth after each gradient step (figure 5 of the paper).
+"""Adaptation curves: what the policy is worth after each policy update (figure 5 of the paper).
 
 Axes: R runs (seeds), U + 1 rows of a curve; row 0 is before any episode.
 """
@@ -38,7 +38,7 @@ def draw_adaptation(
     *,
     scale: Literal["linear", "log"] = "linear",
 ) -> Figure:
-    """Draw the expected return after each gradient step.
+    """Draw the expected return after each policy update.
 
     One thin line per run, a thick one for their mean, a band from the least to the greatest. A
     run that stopped early keeps its last policy, so its last value goes on.
@@ -148,7 +148,7 @@ def _set_range(axes: Axes, lowest: float, optimum: float, worst: float) -> None:
 
 def _set_steps(axes: Axes, last: int, scale: Literal["linear", "log"]) -> None:
     axes.set_xlim(-0.02 * max(last, 1), 1.02 * max(last, 1))
-    axes.set_xlabel("gradient step", fontsize=FONT_SIZE + 1, color=INK)
+    axes.set_xlabel("policy update", fontsize=FONT_SIZE + 1, color=INK)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if scale == "log":
         axes.set_xscale("symlog", linthresh=1, linscale=0.35)
