@@ -1,11 +1,16 @@
-"""Measure merap: bench.py export [--json FILE]. Ratios are of things timed side by side in one run."""
+"""Measure merap: bench.py export | adaptation [--json FILE].
+
+Ratios are of things timed side by side in one run.
+"""
 
 from __future__ import annotations
 
 import json
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +19,13 @@ from rich.console import Console
 from rich.table import Table
 
 from merap.checker.storm import StormModel, build_text
+from merap.concerns.case_study import load_case
+from merap.learning.config import TrainingConfig
+from merap.learning.running import train
+from merap.online.adaptation import adapt
+
+ROOT = Path(__file__).parents[1]
+EPISODES_PER_STEP = (35, 10, 5)
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
@@ -61,6 +73,37 @@ def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
         "export_over_build": seconds["export_umb"] / seconds["build"],
     }
     _report("export", figures, json_file)
+
+
+@app.command()
+def adaptation(
+    json_file: Json = None,
+    case: Path = ROOT / "models" / "paper-grid" / "rq1-1.yaml",
+    training_seeds: int = 5,
+    seeds: int = 20,
+) -> None:
+    """Gradient adaptation to what a case meets: seconds of training, steps until within 5 percent."""
+    study = load_case(case)
+    figures: dict[str, float] = {}
+    rows = {episodes: [] for episodes in EPISODES_PER_STEP}
+    seconds = []
+    for seed in range(training_seeds):
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.perf_counter()
+            run = train(study, Path(folder) / "run", TrainingConfig(seed=seed))
+            seconds.append(time.perf_counter() - begin)
+            for episodes in EPISODES_PER_STEP:
+                found = adapt(run, study.system("met"), episodes_per_step=episodes, seeds=range(seeds))
+                rows[episodes].append([one.steps_to_within_5_percent for one in found.runs])
+    figures["training_seconds_median"] = statistics.median(seconds)
+    figures["training_seconds_max"] = max(seconds)
+    for episodes, by_seed in rows.items():
+        reached = [[steps for steps in of_seed if steps is not None] for of_seed in by_seed]
+        figures[f"steps_mean_{episodes}_episodes"] = statistics.mean(chain.from_iterable(reached))
+        figures[f"steps_worst_training_seed_{episodes}_episodes"] = max(map(statistics.mean, reached))
+        figures[f"never_{episodes}_episodes"] = sum(of_seed.count(None) for of_seed in by_seed)
+    figures["runs"] = training_seeds * seeds
+    _report(f"adaptation to {study.name}", figures, json_file)
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:

@@ -12,7 +12,8 @@ from merap.concerns.combination import Combination
 from merap.errors import InputError
 from merap.mdp.model import Floats
 from merap.online.belief import Belief, concern_weights, prior_belief, weights
-from merap.online.belief_space import HypothesisSpace, Outside, hypothesis_space
+from merap.online.belief_outside import Outside
+from merap.online.belief_space import HypothesisSpace, hypothesis_space
 from merap.online.belief_update import Step, observe_detections, observe_step
 from tests.belief_routes import STRIP, Seen, inferred, log_likelihood, trajectory
 from tests.case_examples import GRAPH, write_case
@@ -34,8 +35,8 @@ def joint(space: HypothesisSpace, belief: Belief) -> Floats:
 
 
 def normalised(log: Floats) -> Floats:
-    shares = np.exp(log - log.max())
-    return shares / shares.sum()
+    shares: Floats = np.exp(log - log.max())
+    return np.asarray(shares / shares.sum())
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -75,7 +76,9 @@ def enumerated(case: CaseStudy, space: HypothesisSpace, seen: list[Seen]) -> Flo
     goals = [
         int(case.space.location_index[name]) for name in ("r0c2", "r1c2", "r0c0", "r0c1", "r1c0", "r1c1")
     ]
-    sets = [tuple(np.flatnonzero(mask)) for mask in product((False, True), repeat=cells) if not mask[0]]
+    sets = [
+        tuple(np.flatnonzero(mask).tolist()) for mask in product((False, True), repeat=cells) if not mask[0]
+    ]
     for closed, w, (o, goal) in product(sets, range(len(space.slips)), enumerate(goals)):
         model = closed_everywhere(case, closed, goal)
         known[closed, w, o] = log_likelihood(model, seen, NOISE, float(space.slips[w]))

@@ -99,8 +99,8 @@ def test_what_can_not_be_told_apart_is_said_to_be_one() -> None:
     classes = summarise(space, strategy.belief).classes
     by_member = {member: one for one in classes for member in one.members}
     # One place is closed; whether by an obstacle or for this robot alone, no move can show.
-    obstacle = by_member["unknown obstacles.full with unknown no-entry"]
-    assert "open.full with unknown no-entry" in obstacle.members
+    obstacle = by_member["unknown obstacles.unknown no-entry"]
+    assert "open.unknown no-entry" in obstacle.members
     assert sum(one.weight for one in classes) <= 1 + 1e-12
 
 

@@ -8,14 +8,9 @@ from typing import Annotated
 
 import typer
 
-from merap.base.build import build_base, canonical, model_of
 from merap.cli import options
 from merap.cli.output import number, say, table, warn, write_json
 from merap.concerns.case_study import load_case
-from merap.concerns.synthesis import synthesise
-from merap.mdp.difference import differences
-from merap.mdp.evaluation import as_policy
-from merap.mdp.planning import backward_induction
 
 Weight = Annotated[float, typer.Option(min=0)]
 
@@ -55,6 +50,9 @@ def show(
     force: options.Force = False,
 ) -> None:
     """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
+    from merap.base.build import model_of
+    from merap.mdp.evaluation import as_policy
+    from merap.mdp.planning import backward_induction
     from merap.report.map import draw_map
     from merap.report.path import most_likely_path
     from merap.report.saving import save_figure
@@ -90,6 +88,10 @@ def difference(
     force: options.Force = False,
 ) -> None:
     """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
+    from merap.base.build import build_base, canonical
+    from merap.concerns.synthesis import synthesise
+    from merap.mdp.difference import differences
+
     study = load_case(case)
     base = build_base(study)
     met = study.system(system)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from merap.learning.training import UpdateMetrics
     from merap.online.adaptation import Adaptation
 
+SEED_LIMIT = 2**63
 SHOWN_STEPS = (0, 1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 
@@ -122,11 +123,13 @@ def adapt(
 
 def _seeds(text: str) -> range:
     first, colon, end = text.partition(":")
-    if not (first.isdigit() and (end.isdigit() if colon else not end)):
+    if not (first.isdecimal() and (end.isdecimal() if colon else not end)):
         raise InputError(f"expected a:b with whole numbers or one seed, got {text!r}", source="--seeds")
     seeds = range(int(first), int(end) if colon else int(first) + 1)
     if not seeds:
         raise InputError(f"{text!r} holds no seed", source="--seeds")
+    if seeds.stop > SEED_LIMIT:
+        raise InputError(f"seeds must be below {SEED_LIMIT}, got {text!r}", source="--seeds")
     return seeds
 
 

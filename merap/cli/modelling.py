@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from merap.base.writing import export_case, render_case
-from merap.checker.verdicts import Verdict
-from merap.checker.verdicts import verify as verify_combinations
 from merap.cli import options
 from merap.cli.output import number, progress, say, table, warn, write_json
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
+
+if TYPE_CHECKING:
+    from merap.checker.verdicts import Verdict
 
 FALSE_VERDICT = 1
 
@@ -30,6 +30,8 @@ def render(
     case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
 ) -> None:
     """Write one <combination>.prism each, and manifest.json."""
+    from merap.base.writing import render_case
+
     study = load_case(case)
     count = render_case(study, _chosen(study, sample, seed, "Rendering"), out)
     say(f"{count} models in {out}")
@@ -39,6 +41,8 @@ def export(
     case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
 ) -> None:
     """Build each combination with Storm and write it as UMB, a format other checkers read."""
+    from merap.base.writing import export_case
+
     study = load_case(case)
     count = export_case(study, _chosen(study, sample, seed, "Exporting"), out)
     say(f"{count} models in {out}")
@@ -56,6 +60,8 @@ def verify(
 
     Exits with 1 if a verdict is false, and says what cuts the goal off.
     """
+    from merap.checker.verdicts import verify as verify_combinations
+
     study = load_case(case)
     warn(study.warnings)
     verdicts = list(verify_combinations(_chosen(study, sample, seed, "Verifying"), name))

@@ -73,23 +73,26 @@ def linear_baseline(episodes: Episodes, to_go: Tensor, num_states: int, ridge: f
         float [N, B, T]; means nothing where inactive.
     """
     num_tasks, _, horizon = to_go.shape
-    weight = episodes.active.flatten(1).double()  # [N, B * T]
-    target = to_go.flatten(1).double() * weight
     time = torch.arange(horizon, dtype=torch.float64) / _TIME_UNIT
     features = torch.stack([time, time**2, time**3, torch.ones_like(time)], dim=-1)  # [T, 4]
-    rows = features.expand(to_go.shape[1], -1, -1).flatten(0, 1) * weight.unsqueeze(-1)  # [N, B * T, 4]
-    state = episodes.state.flatten(1)
-    known = torch.cat([rows, target.unsqueeze(-1), weight.unsqueeze(-1)], dim=-1)
-    index = state.unsqueeze(-1).expand_as(known)
-    sums = torch.zeros(num_tasks, num_states, 6, dtype=torch.float64).scatter_add_(1, index, known)
-    per_state, of_target, count = sums[..., :4], sums[..., 4:5], sums[..., 5:]
-    scaled = per_state / (count + ridge)  # [N, S, 4]
-    matrix = rows.mT @ rows + ridge * torch.eye(4, dtype=torch.float64) - scaled.mT @ per_state
-    right = rows.mT @ target.unsqueeze(-1) - scaled.mT @ of_target
-    of_time = torch.linalg.solve(matrix, right)  # [N, 4, 1]
-    of_state = (of_target - per_state @ of_time) / (count + ridge)  # [N, S, 1]
-    fitted = of_state.squeeze(-1).gather(1, state) + (rows @ of_time).squeeze(-1)
-    return fitted.view_as(to_go).to(to_go.dtype)
+    weight = episodes.active.double()
+    target = to_go.double() * weight
+    row = (episodes.state + torch.arange(num_tasks).view(-1, 1, 1) * num_states).flatten()
+
+    def by_state(values: Tensor) -> Tensor:
+        return torch.bincount(row, values.flatten(), num_tasks * num_states).view(num_tasks, num_states)
+
+    per_state = torch.stack([by_state(weight * feature) for feature in features.T], dim=-1)  # [N, S, 4]
+    of_target = by_state(target).unsqueeze(-1)  # [N, S, 1]
+    count = per_state[..., 3:] + ridge  # the last feature is 1
+    scaled = per_state / count
+    squares = (features.T * weight.sum(dim=1, keepdim=True)) @ features  # [N, 4, 4]
+    matrix = squares + ridge * torch.eye(4, dtype=torch.float64) - scaled.mT @ per_state
+    right = features.T @ target.sum(dim=1).unsqueeze(-1) - scaled.mT @ of_target
+    of_time: Tensor = torch.linalg.solve(matrix, right)  # [N, 4, 1]
+    of_state = (of_target - per_state @ of_time) / count  # [N, S, 1]
+    fitted = of_state.take(row).view_as(to_go) + (features @ of_time).mT
+    return fitted.to(to_go.dtype)
 
 
 def advantages(episodes: Episodes, values: Tensor, discount: float, gae_lambda: float) -> Tensor:
@@ -107,23 +110,3 @@ def advantages(episodes: Episodes, values: Tensor, discount: float, gae_lambda: 
     following = torch.nn.functional.pad(values[..., 1:], (0, 1))
     residual = episodes.reward + discount * following - values
     return discounted_sums(residual, discount * gae_lambda) * episodes.active
-
-
-def normalised(advantage: Tensor, active: Tensor) -> tuple[Tensor, Tensor]:
-    """Advantages of mean 0 and standard deviation 1 over the active steps of each task.
-
-    Args:
-        advantage: float [N, B, T], 0 where inactive.
-        active: bool [N, B, T].
-
-    Returns:
-        The normalised advantages, float [N, B, T], 0 where inactive; and what they were
-        divided by, float [N].
-    """
-    weight = active.to(advantage.dtype)
-    count = weight.sum(dim=(1, 2), keepdim=True).clamp_min(1)
-    centred = (advantage - advantage.sum(dim=(1, 2), keepdim=True) / count) * weight
-    deviation = (centred.square().sum(dim=(1, 2), keepdim=True) / count).sqrt()
-    # Equal advantages carry nothing but rounding errors; those must not be blown up.
-    scale = deviation + 1e-3
-    return centred / scale, scale.flatten()

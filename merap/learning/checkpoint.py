@@ -29,6 +29,9 @@ _PARAMETER = "parameter."
 _STEP_SIZE = "step_size."
 _LOG_STEP_SIZE = "log_step_size."
 _OPTIMIZER = "optimizer."
+_VARIANCE = "variance"
+_GENERATOR = "generator"
+_UPDATE = "update"
 
 
 def write_policy(run: RunFolder, policy: MetaPolicy) -> None:
@@ -36,7 +39,7 @@ def write_policy(run: RunFolder, policy: MetaPolicy) -> None:
     tensors = {
         **_prefixed(_PARAMETER, policy.parameters),
         **_prefixed(_STEP_SIZE, policy.step_sizes),
-        "variance": policy.variance,
+        _VARIANCE: policy.variance,
     }
     write_bytes(run.path / POLICY_FILE, save(tensors), force=True)
 
@@ -47,14 +50,15 @@ def read_policy(run: RunFolder, tasks: TaskBatch) -> MetaPolicy:
     Raises:
         InputError: training has not ended, or the file does not fit.
     """
-    tensors = _load(run.path / POLICY_FILE, "training has not ended; go on with `merap train --resume`")
+    path = run.path / POLICY_FILE
+    tensors = _load(path, "training has not ended; go on with `merap train --resume`")
     network = policy_network(tasks, run.config)
     fresh = initial_state(network, run.config)
     return MetaPolicy(
         network=network,
-        parameters=_taken(tensors, _PARAMETER, fresh.parameters, run.path / POLICY_FILE),
-        step_sizes=_taken(tensors, _STEP_SIZE, fresh.log_step_sizes, run.path / POLICY_FILE),
-        variance=tensors["variance"],
+        parameters=_taken(tensors, _PARAMETER, fresh.parameters, path),
+        step_sizes=_taken(tensors, _STEP_SIZE, fresh.log_step_sizes, path),
+        variance=_taken(tensors, "", {_VARIANCE: torch.zeros(())}, path)[_VARIANCE],
         rule=step_rule(run.config, tasks.discount),
     )
 
@@ -70,11 +74,11 @@ def write_checkpoint(run: RunFolder, state: TrainingState, metrics: Sequence[Upd
         **_prefixed(_PARAMETER, state.parameters),
         **_prefixed(_LOG_STEP_SIZE, state.log_step_sizes),
         **optimizer,
-        "generator": state.generator.get_state(),
-        "update": torch.tensor(state.update),
+        _GENERATOR: state.generator.get_state(),
+        _UPDATE: torch.tensor(state.update),
     }
     if state.variance is not None:
-        tensors["variance"] = state.variance
+        tensors[_VARIANCE] = state.variance
     write_bytes(run.path / METRICS_FILE, _csv(metrics, leave_out="seconds"), force=True)
     write_bytes(run.path / TIMES_FILE, _csv(metrics, only=("update", "seconds")), force=True)
     # last, so that metrics are never behind it
@@ -96,35 +100,67 @@ def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, li
         for prefix, leaves in ((_PARAMETER, state.parameters), (_LOG_STEP_SIZE, state.log_step_sizes)):
             for name, value in _taken(tensors, prefix, leaves, path).items():
                 leaves[name].copy_(value)
-    state.update = int(tensors["update"])
-    state.variance = tensors.get("variance")
-    state.generator.set_state(tensors["generator"])
+    counted = {_UPDATE: torch.tensor(0), _VARIANCE: torch.zeros(()), _GENERATOR: state.generator.get_state()}
+    found = _taken(tensors, "", counted, path)
+    state.update, state.variance = int(found[_UPDATE]), found[_VARIANCE]
+    try:
+        state.generator.set_state(found[_GENERATOR])
+    except RuntimeError as error:
+        raise InputError(f"{_GENERATOR} can't be used: {error}", source=str(path)) from error
     state.optimizer.load_state_dict(
-        {**state.optimizer.state_dict(), "state": _optimizer_state(tensors)}  # groups are of the config
+        {
+            **state.optimizer.state_dict(),
+            "state": _optimizer_state(tensors, state, path),
+        }  # groups are of the config
     )
-    return state, read_metrics(run)[: state.update]
+    metrics = read_metrics(run)
+    if not 0 <= state.update <= len(metrics):
+        raise InputError(
+            f"has {len(metrics)} updates, the checkpoint is of update {state.update}",
+            source=str(run.path / METRICS_FILE),
+        )
+    return state, metrics[: state.update]
 
 
-def _optimizer_state(tensors: Parameters) -> dict[int, dict[str, Tensor]]:
-    entries: dict[int, dict[str, Tensor]] = {}
-    for key, value in tensors.items():
-        if key.startswith(_OPTIMIZER):
-            index, name = key.removeprefix(_OPTIMIZER).split(".", 1)
-            entries.setdefault(int(index), {})[name] = value
-    return entries
+def _optimizer_state(tensors: Parameters, state: TrainingState, path: Path) -> dict[int, dict[str, Tensor]]:
+    """Adam's moments for each leaf, by its number."""
+    leaves = (*state.parameters.values(), *state.log_step_sizes.values())
+    return {
+        index: _taken(
+            tensors,
+            f"{_OPTIMIZER}{index}.",
+            {"step": torch.zeros(()), "exp_avg": leaf, "exp_avg_sq": leaf},
+            path,
+        )
+        for index, leaf in enumerate(leaves)
+    }
 
 
 def read_metrics(run: RunFolder) -> list[UpdateMetrics]:
-    """The metrics of every update up to the last checkpoint, and maybe of some after it."""
+    """The metrics of every update up to the last checkpoint, and maybe of some after it.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
     rows = []
-    with (
-        (run.path / METRICS_FILE).open(newline="", encoding="utf-8") as metrics,
-        (run.path / TIMES_FILE).open(newline="", encoding="utf-8") as times,
-    ):
-        for row, timed in zip(csv.DictReader(metrics), csv.DictReader(times), strict=False):
+    timed_rows = _rows(run.path / TIMES_FILE)
+    for row, timed in zip(_rows(run.path / METRICS_FILE), timed_rows, strict=False):
+        try:
             values = {key: float(value) for key, value in {**row, **timed}.items()}
             rows.append(UpdateMetrics(**{**values, "update": int(row["update"])}))  # type: ignore[arg-type]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"row {len(rows) + 1} is damaged", source=str(run.path / METRICS_FILE)
+            ) from error
     return rows
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            return list(csv.DictReader(stream))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"can't be read: {error}", source=str(path)) from error
 
 
 def _csv(
@@ -146,10 +182,14 @@ def _prefixed(prefix: str, tensors: Parameters) -> Parameters:
 def _taken(tensors: Parameters, prefix: str, like: Parameters, path: Path) -> Parameters:
     for name, value in like.items():
         found = tensors.get(prefix + name)
-        if found is None or found.shape != value.shape:
-            shape = "missing" if found is None else f"of shape {list(found.shape)}"
-            raise InputError(f"{prefix + name} is {shape}, expected {list(value.shape)}", source=str(path))
+        if found is None or found.shape != value.shape or found.dtype != value.dtype:
+            kind = "missing" if found is None else _kind(found)
+            raise InputError(f"{prefix + name} is {kind}, expected {_kind(value)}", source=str(path))
     return {name: tensors[prefix + name] for name in like}
+
+
+def _kind(tensor: Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)}"
 
 
 def _load(path: Path, missing: str) -> Parameters:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -24,7 +24,9 @@ class TrainingConfig(BaseModel):
     max_tasks: int = Field(
         default=512, ge=1, description="models of the base; of a larger support, that many"
     )
-    hidden: tuple[int, ...] = Field(default=(32, 32), description="sizes of the policy's hidden layers")
+    hidden: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        default=(32, 32), description="sizes of the policy's hidden layers"
+    )
     activation: Activation = Field(default="relu", description="between the layers")
     learning_rate: float = Field(default=1e-2, gt=0, description="beta, of Adam over the meta policy")
     step_size_learning_rate: float = Field(

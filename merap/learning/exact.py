@@ -87,7 +87,7 @@ class _Return(Function):
         return torch.from_numpy(earned.sum(axis=1))
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, of_return: Tensor) -> tuple[Tensor, None]:
         occupancy = recursion.occupancies(ctx.evaluation, ctx.problem.arrays)
         gradient = recursion.gradient(ctx.evaluation, occupancy, ctx.problem.arrays)
@@ -105,7 +105,7 @@ class _Gradient(Function):
         return _tensor(recursion.gradient(evaluation, occupancy, problem.arrays), problem)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, of_gradient: Tensor) -> tuple[Tensor, None]:
         """The Hessian of J is symmetric, so its product from the left is that from the right."""
         product = recursion.hessian_product(
@@ -122,4 +122,4 @@ def _rows(array: Tensor) -> recursion.Array:
 
 def _tensor(rows: recursion.Array, problem: ExactProblem) -> Tensor:
     """[N, S, A] of [N * S, A]."""
-    return torch.from_numpy(rows).unflatten(0, (problem.num_tasks, -1))
+    return torch.from_numpy(rows).view(problem.num_tasks, -1, rows.shape[1])

@@ -147,8 +147,9 @@ def explore(probabilities: Tensor, enabled: Tensor, exploration: float) -> Tenso
     """
     if exploration == 0:
         return probabilities
-    uniform = enabled / enabled.sum(dim=-1, keepdim=True).clamp_min(1)
-    return torch.lerp(probabilities, uniform.to(probabilities.dtype).expand_as(probabilities), exploration)
+    available = enabled.to(probabilities.dtype)
+    uniform = available / available.sum(dim=-1, keepdim=True).clamp_min(1)
+    return torch.lerp(probabilities, uniform.expand_as(probabilities), exploration)
 
 
 def stack_parameters(parameters: Parameters, copies: int) -> Parameters:

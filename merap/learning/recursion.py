@@ -79,7 +79,7 @@ def occupancies(evaluation: Evaluation, problem: Problem) -> Array:
 
 def gradient(evaluation: Evaluation, occupancy: Array, problem: Problem) -> Array:
     """float [S, A]: dJ/dpi."""
-    visits = occupancy.sum(axis=0)[:, np.newaxis]
+    visits: Array = occupancy.sum(axis=0)[:, np.newaxis]
     return problem.reward * visits + _future([(occupancy, evaluation.values)], problem)
 
 
@@ -94,7 +94,7 @@ def hessian_product(evaluation: Evaluation, occupancy: Array, direction: Array, 
     values_dot = _values(evaluation.chain, gains, problem)
     arrivals = (turn.T @ occupancy[:-1].T).T
     occupancy_dot = _occupancies(evaluation.chain, problem, arrivals)
-    visits_dot = occupancy_dot.sum(axis=0)[:, np.newaxis]
+    visits_dot: Array = occupancy_dot.sum(axis=0)[:, np.newaxis]
     pairs = [(occupancy_dot, evaluation.values), (occupancy, values_dot)]
     return problem.reward * visits_dot + _future(pairs, problem)
 
@@ -145,7 +145,7 @@ def _future(pairs: Sequence[tuple[Array, Array]], problem: Problem) -> Array:
     present = np.concatenate([occupancy for occupancy, _ in pairs]).T.copy()
     to_go = np.concatenate([of_values[-2::-1] for _, of_values in pairs]).T.copy()
     total = np.empty_like(problem.weight)
-    for block in _blocks(*problem.successor.shape, present.shape[1]):
+    for block in _blocks(len(present), problem.successor.shape[1], present.shape[1]):
         following = to_go.take(problem.successor[block], axis=0)
         met = np.einsum("smt,st->sm", following, present[block])
         total[block] = met.reshape(total[block].shape)

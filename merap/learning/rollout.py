@@ -128,4 +128,4 @@ def _episodes(tasks: Sampler, visited: Tensor, taken: Tensor, shape: torch.Size)
         "reward": tasks.reward.take(taken) * active,
         "active": active,
     }
-    return Episodes(**{name: part.unflatten(0, (num_tasks, -1)) for name, part in parts.items()})
+    return Episodes(**{name: part.view(num_tasks, -1, tasks.horizon) for name, part in parts.items()})

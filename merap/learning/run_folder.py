@@ -103,7 +103,7 @@ def read_run(path: Path) -> RunFolder:
 def _manifest(path: Path) -> Mapping[str, Any]:
     try:
         content = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(
             f"is not a run folder of merap: it has no readable {MANIFEST}", source=str(path)
         ) from error

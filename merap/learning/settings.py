@@ -43,7 +43,8 @@ def _parsed(word: str) -> Mapping[str, Any]:
         raise InputError(f"expected key=value, got {word!r}", source="--set")
     try:
         return {key: YAML(typ="safe", pure=True).load(text)}
-    except YAMLError as error:
+    # ruamel builds dates with the standard library, which raises ValueError
+    except (YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"the value of {key!r} is not YAML: {text!r}", source="--set") from error
 
 

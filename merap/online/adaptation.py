@@ -119,7 +119,8 @@ def adapt(
             rows = []
             for row, policy in islice(adaptations(seed), steps + 1):
                 rows.append((row, policy))
-                on_step()
+                if row.step:
+                    on_step()
             runs.append(judged(seed, [row for row, _ in rows], reachable))
             policies.append((rows[0][1], rows[-1][1]))
     before, after = policies[0]

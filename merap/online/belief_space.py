@@ -20,14 +20,13 @@ import numpy as np
 
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination, Objective
-from merap.concerns.parameters import held_locations
-from merap.concerns.resolve_objective import GOAL
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.online.belief_actions import ActionTable, action_tables
+from merap.online.belief_outside import Outside, closed_share, other_goals, split, unknown_capabilities
 
 MAX_TABLE = 100_000_000
 MAX_OUTCOMES = 64
@@ -35,37 +34,6 @@ MAX_OUTCOMES = 64
 # none: a hundred-thousandth hides rounding and nothing else.
 QUIET = 1e-5
 NOISES = (0.01, 0.02, 0.05, 0.1, 0.2)
-
-
-@dataclass(frozen=True)
-class Outside:
-    """How much of the prior lies outside the base, for each kind of surprise.
-
-    Attributes:
-        environment: obstacles at any location.
-        capability: no entry at any location.
-        objective: the goal at any location.
-        slip: actions that fail more often than the base says.
-        closed: probability that a location is closed under the first two kinds; None: as
-            many locations as the support closes on average, at least one.
-        slips: probabilities of an action to fail, equally likely.
-    """
-
-    environment: float = 0.05
-    capability: float = 0.05
-    objective: float = 0.05
-    slip: float = 0.05
-    closed: float | None = None
-    slips: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
-
-    def __post_init__(self) -> None:
-        for name in ("environment", "capability", "objective", "slip"):
-            if not 0 < getattr(self, name) < 1:
-                raise InputError(
-                    f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}"
-                )
-        if not self.slips or not all(0 < slip < 1 for slip in self.slips):
-            raise InputError(f"slips must be probabilities in (0, 1), not {self.slips}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +134,7 @@ def hypothesis_space(
     representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
     tables = action_tables(representatives)
     base = list(supports.objective)
-    objectives = [*base, *_other_goals(case)]
+    objectives = [*base, *other_goals(case)]
     blocked = np.stack([*(one.blocked for one in environments), np.zeros(case.space.num_locations, np.bool_)])
     unknown = np.zeros((len(capability_members), case.space.num_locations), dtype=np.bool_)
     no_entry = np.concatenate([np.stack([one.no_entry for one in capabilities]), unknown])
@@ -182,7 +150,7 @@ def hypothesis_space(
         environment_names=(*(one.name for one in environments), "unknown obstacles"),
         capability_names=(
             *(one.name for one in capabilities),
-            *(f"{capabilities[index].name} with unknown no-entry" for index in capability_members),
+            *unknown_capabilities([capabilities[index].name for index in capability_members]),
         ),
         objective_names=tuple(one.name for one in objectives),
         num_objectives=len(base),
@@ -200,13 +168,13 @@ def hypothesis_space(
         ends=ends,
         noises=noises,
         noise_prior=noise_prior,
-        closed=_closed_share(declared, blocked[:-1], no_entry[: len(capabilities)]),
+        closed=closed_share(declared, blocked[:-1], no_entry[: len(capabilities)]),
         prior=_prior(
-            _split(len(environments), 1, declared.environment),
-            _split(len(capabilities), len(capability_members), declared.capability),
-            _split(1, len(declared.slips), declared.slip),
+            split(len(environments), 1, declared.environment),
+            split(len(capabilities), len(capability_members), declared.capability),
+            split(1, len(declared.slips), declared.slip),
         ),
-        objective_prior=np.log(_split(len(base), len(objectives) - len(base), declared.objective)),
+        objective_prior=np.log(split(len(base), len(objectives) - len(base), declared.objective)),
         initial=_initial(representatives[0][0]),
     )
 
@@ -218,44 +186,9 @@ def _classes(keys: Sequence[object]) -> tuple[Ints, list[int]]:
     return np.array([numbers[key] for key in keys]), [members[number] for number in range(len(numbers))]
 
 
-def _other_goals(case: CaseStudy) -> list[Objective]:
-    """Each objective of the support with its goal at every location no such objective has it at."""
-    support = case.supports.objective
-    listed = [dict(support.configurations.values(index)) for index in range(support.count)]
-    if GOAL not in listed[0]:
-        return []
-    many = isinstance(listed[0][GOAL], tuple)
-    taken = {location for values in listed for location in held_locations(values, GOAL)}
-    free = [location for location in range(case.space.num_locations) if location not in taken]
-    without = [{name: value for name, value in values.items() if name != GOAL} for values in listed]
-    distinct = [rest for index, rest in enumerate(without) if rest not in without[:index]]
-    return [
-        support.resolve(
-            f"goal_{case.space.locations[location]}" + (f"_{number}" if len(distinct) > 1 else ""),
-            {**rest, GOAL: (location,) if many else location},
-        )
-        for number, rest in enumerate(distinct)
-        for location in free
-    ]
-
-
-def _split(inside: int, outside: int, mass: float) -> Floats:
-    """float64 [inside + outside]: the prior of one concern."""
-    if outside == 0:
-        return np.full(inside, 1 / inside)
-    return np.concatenate([np.full(inside, (1 - mass) / inside), np.full(outside, mass / outside)])
-
-
 def _prior(environment: Floats, capability: Floats, slip: Floats) -> Floats:
     joint: Floats = np.log(environment[:, None, None] * capability[:, None] * slip)
     return joint
-
-
-def _closed_share(declared: Outside, blocked: Bools, no_entry: Bools) -> float:
-    if declared.closed is not None:
-        return declared.closed
-    average = blocked.sum(axis=1).mean() + no_entry.sum(axis=1).mean()
-    return float(min(max(1.0, average) / blocked.shape[1], 0.3))
 
 
 def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
@@ -264,7 +197,7 @@ def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
     quiet = QUIET * scale
     if known is not None:
         return np.array([max(known, quiet)]), np.ones(1)
-    return scale * np.array((QUIET, *NOISES)), _split(1, len(NOISES), 0.5)
+    return scale * np.array((QUIET, *NOISES)), split(1, len(NOISES), 0.5)
 
 
 def _valuations(combination: Combination) -> Ints:

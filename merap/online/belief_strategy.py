@@ -17,7 +17,7 @@ from merap.online.belief_explanation import explain
 from merap.online.belief_model import DomainModel, mean_and_hope, sampled_model
 from merap.online.belief_planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
 from merap.online.belief_space import HypothesisSpace
-from merap.online.belief_testing import trial
+from merap.online.belief_testing import Trial, trial
 from merap.online.belief_update import (
     Step,
     observe_detections,
@@ -44,12 +44,16 @@ class BeliefSettings:
     Attributes:
         exploration: `information` adds to a step's reward what it tells of the objective, at the
             price of a nat; `mean` plans on the mean alone; `thompson` plans on samples.
-        episodes_ahead: over how many episodes information pays, at least: as many are taken to
+        information_ahead: over how many episodes knowing the objective pays. A step's information
+            counts in a plan as often as the step is taken, so this price is an overestimate
+            and a short time is enough (measured: ten times as much buys nothing but regret).
+        episodes_ahead: over how many episodes a shorter way pays, at least: as many are taken to
             lie ahead as there have been.
         doubt: moves that are open with a probability below are not worth a thought.
     """
 
     exploration: Exploration = "information"
+    information_ahead: float = 10.0
     episodes_ahead: float = 100.0
     doubt: float = 1e-3
 
@@ -90,12 +94,14 @@ class BeliefStrategy:
         self._negligible = NEGLIGIBLE_PRICE * scale / TIES
         self._episodes = -1
         self._price = 0.0
+        self._tried: Trial | None = None
         self._modelled: Belief | None = None
         self.update()
         self._acting, self._planned_at, self._learned = self._plan, 0, 0.0
 
     def begin(self, observation: Observation) -> None:
         """An episode begins."""
+        self._tried = None
         self._state, self._time = self._index(observation), 0
         self._start = np.zeros(self._space.num_states)
         self._start[self._state] = 1.0
@@ -139,12 +145,11 @@ class BeliefStrategy:
     def _hope(self, model: DomainModel, hoped: DomainModel, best: Plan) -> Plan | None:
         """The plan on what may be open, if it pays to try it."""
         hope = plan(hoped, len(best.actions), ties=self._ties)
-        pays = trial(model, best, hoped, hope, self._state).pays(self._ahead)
-        return hope if pays else None
-
-    @property
-    def _ahead(self) -> float:
-        return max(self._settings.episodes_ahead, self._episodes)
+        found = trial(model, best, hoped, hope, self._state)
+        if not found.pays(max(self._settings.episodes_ahead, self._episodes)):
+            return None
+        self._tried = found
+        return hope
 
     def _bonus(self, model: DomainModel) -> Floats | None:
         if self._price < self._negligible:
@@ -168,7 +173,7 @@ class BeliefStrategy:
         self._episodes += 1
         if self._settings.exploration == "information":
             price = information_price(self._space, self.belief, self._model, self._plan, self._start)
-            self._price = self._ahead * price
+            self._price = self._settings.information_ahead * price
 
     def policy(self) -> Floats:
         """float64 [T, S, A]: the best plan on the mean model, or what the planner makes of it."""
@@ -187,6 +192,9 @@ class BeliefStrategy:
             reason = f"looks for the objective, at {self._price:.2g} a nat"
         else:
             reason = "acts on the mean of the belief"
+        if self._tried is not None:
+            chance, gain = self._tried.chance, self._tried.gain
+            reason += f"; tried what was held open with probability {chance:.2g}, for a gain of {gain:.2g}"
         return explain(self._space, self.belief, reason)
 
 

@@ -165,21 +165,14 @@ def _evidence(
     location = state // space.num_modes
     unknown = _unknown_closed(space, belief, table, state)[BOTH:]
     evidence = belief.closed.copy()
-    patterns = np.arange(likelihood.shape[3])
-    for bit, move in enumerate(table.moves):
-        target = space.space.target[location, move]
-        if target < 0:
-            continue
+    targets = space.space.target[location, list(table.moves)]
+    all_open = int(((targets >= 0) << np.arange(len(targets))).sum())
+    for bit in np.flatnonzero(targets >= 0):
         others = unknown.copy()
         others[..., bit] = 0.0
         averaged = with_unknown(likelihood, others)[0]
-        existing = sum(
-            1 << other for other, label in enumerate(table.moves) if space.space.target[location, label] >= 0
-        )
-        is_open = averaged[..., existing]
-        closed = averaged[..., existing ^ (1 << bit)]
-        assert existing in patterns
-        evidence[..., target] = added(evidence[..., target], closed, is_open)
+        closed, is_open = averaged[..., all_open ^ (1 << bit)], averaged[..., all_open]
+        evidence[..., targets[bit]] = added(evidence[..., targets[bit]], closed, is_open)
     return evidence
 
 

@@ -1,0 +1,102 @@
+"""How much of a belief's prior lies outside the base, and what is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.concerns.case_study import CaseStudy
+from merap.concerns.combination import Objective
+from merap.concerns.parameters import held_locations
+from merap.concerns.resolve_objective import GOAL
+from merap.errors import InputError
+from merap.mdp.model import Bools, Floats
+
+# However many locations the support closes, an unknown world is mostly open.
+MOST_CLOSED = 0.3
+
+
+@dataclass(frozen=True)
+class Outside:
+    """How much of the prior lies outside the base, for each kind of surprise.
+
+    Attributes:
+        environment: obstacles at any location.
+        capability: no entry at any location.
+        objective: the goal at any location.
+        slip: actions that fail more often than the base says.
+        closed: probability that a location is closed under the first two kinds; None: as
+            many locations as the support closes on average, at least one.
+        slips: probabilities of an action to fail, equally likely.
+    """
+
+    environment: float = 0.05
+    capability: float = 0.05
+    objective: float = 0.05
+    slip: float = 0.05
+    closed: float | None = None
+    slips: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+
+    def __post_init__(self) -> None:
+        for name in ("environment", "capability", "objective", "slip"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(
+                    f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}"
+                )
+        if not self.slips or not all(0 < slip < 1 for slip in self.slips):
+            raise InputError(f"slips must be probabilities in (0, 1), not {self.slips}")
+
+
+def split(inside: int, outside: int, mass: float) -> Floats:
+    """The prior of one concern.
+
+    Returns:
+        float64 [inside + outside]; `mass` is shared by those outside, if there are any.
+    """
+    if outside == 0:
+        return np.full(inside, 1 / inside)
+    return np.concatenate([np.full(inside, (1 - mass) / inside), np.full(outside, mass / outside)])
+
+
+def closed_share(declared: Outside, blocked: Bools, no_entry: Bools) -> float:
+    """The prior probability of a location to be closed in an unknown way.
+
+    Args:
+        declared: by the caller.
+        blocked: bool [N, P], of the support.
+        no_entry: bool [M, P], of the support.
+    """
+    if declared.closed is not None:
+        return declared.closed
+    average = blocked.sum(axis=1).mean() + no_entry.sum(axis=1).mean()
+    return float(min(max(1.0, average) / blocked.shape[1], MOST_CLOSED))
+
+
+def unknown_capabilities(like: Sequence[str]) -> list[str]:
+    """Names of the capabilities with unknown places they can't enter, one for each class."""
+    if len(like) == 1:
+        return ["unknown no-entry"]
+    return [f"unknown no-entry, else {name}" for name in like]
+
+
+def other_goals(case: CaseStudy) -> list[Objective]:
+    """Each objective of the support with its goal at every location no such objective has it at."""
+    support = case.supports.objective
+    listed = [dict(support.configurations.values(index)) for index in range(support.count)]
+    if GOAL not in listed[0]:
+        return []
+    many = isinstance(listed[0][GOAL], tuple)
+    taken = {location for values in listed for location in held_locations(values, GOAL)}
+    free = [location for location in range(case.space.num_locations) if location not in taken]
+    without = [{name: value for name, value in values.items() if name != GOAL} for values in listed]
+    distinct = [rest for index, rest in enumerate(without) if rest not in without[:index]]
+    return [
+        support.resolve(
+            f"goal_{case.space.locations[location]}" + (f"_{number}" if len(distinct) > 1 else ""),
+            {**rest, GOAL: (location,) if many else location},
+        )
+        for number, rest in enumerate(distinct)
+        for location in free
+    ]

@@ -1,0 +1,186 @@
+"""`train` and `adapt` as a user calls them: each call is a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from merap.learning.checkpoint import CHECKPOINT_FILE
+from merap.learning.config import TrainingConfig
+from merap.learning.run_folder import RunFolder, read_run
+from tests.trained_runs import (
+    ONE_OF_THREE,
+    SMALL,
+    checkpoint_update,
+    contents,
+    trained,
+    what_was_learned,
+)
+
+# Long enough to be killed in the middle: some seconds.
+LONG = TrainingConfig(updates=250, hidden=(4,), episodes=5)
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "merap", *map(str, arguments)]
+
+
+def merap(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+
+
+def refused(*arguments: str | Path) -> str:
+    """The one clear line of a refusal."""
+    done = merap(*arguments)
+    assert done.returncode == 2, done
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    assert done.stdout == ""
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return trained(tmp_path_factory.mktemp("runs") / "finished")
+
+
+def test_train_takes_settings_from_options_words_and_a_file(finished: RunFolder, tmp_path: Path) -> None:
+    """Options win over words, words over the file; and the result is that of the same from Python."""
+    file = tmp_path / "settings.yaml"
+    file.write_text("{hidden: [4], updates: 1, episodes: 1, seed: 7}")
+    out = tmp_path / "run"
+    done = merap(
+        "train", ONE_OF_THREE, "-o", out, "--config", file,
+        "--set", "episodes=5", "--set", "seed=8", "--updates", "5", "--seed", "0",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("3 tasks, 5 updates in ")
+    assert read_run(out).config == SMALL
+    assert what_was_learned(out) == what_was_learned(finished.path)
+
+
+def test_train_refuses_a_wrong_setting_and_writes_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    line = refused("train", ONE_OF_THREE, "-o", out, "--set", "udpates=3")
+    assert line == "error: --set udpates=3: udpates: unknown setting; did you mean 'updates'?"
+    assert not out.exists()
+
+
+def test_train_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    assert str(tmp_path) in refused("train", ONE_OF_THREE, "-o", tmp_path, "--updates", "1")
+    assert contents(tmp_path) == {"thesis.tex": b"years of work"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--resume", "--seed", "1"], "--resume goes on with the settings of the run"),
+        (["--resume"], "is not a run folder"),
+    ],
+)
+def test_train_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str], complaint: str) -> None:
+    assert complaint in refused("train", "-o", tmp_path, *arguments)
+    assert contents(tmp_path) == {}
+
+
+def test_a_run_killed_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    undisturbed = trained(tmp_path / "undisturbed", LONG)
+    settings = ["--updates", LONG.updates, "--set", "hidden=[4]", "--set", "episodes=5"]
+    out = tmp_path / "killed"
+    process = subprocess.Popen(
+        command("train", ONE_OF_THREE, "-o", out, *map(str, settings)),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    wait_for(out / CHECKPOINT_FILE, process)
+    time.sleep(np.random.default_rng().uniform(0, 0.7))  # at any moment between two checkpoints
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait(60) == -signal.SIGKILL
+    assert not (out / "policy.safetensors").exists()
+    assert 0 < checkpoint_update(out) < LONG.updates
+    done = merap("train", "--resume", "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert f"{LONG.updates} updates in" not in done.stdout
+    assert what_was_learned(out) == what_was_learned(undisturbed.path)
+
+
+def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 120
+    while not path.exists():
+        assert process.poll() is None, "training ended before its first checkpoint"
+        assert time.monotonic() < deadline, "no checkpoint in two minutes"
+        time.sleep(0.01)
+
+
+def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_path: Path) -> None:
+    report, out = tmp_path / "adaptation.json", tmp_path / "pictures"
+    done = merap(
+        "adapt", finished.path, "--system", "met", "--strategy", "gradient", "--episodes-per-step", "5",
+        "--steps", "3", "--seeds", "2:4", "--json", report, "-o", out,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "expected return" in done.stdout
+    assert set(contents(out)) == {"curve.png", "curve.svg", "map.png", "map.svg"}
+    found = json.loads(report.read_text())
+    assert list(found) == ["system", "strategy", "optimum", "worst", "runs", "summary"]
+    assert (found["system"], found["strategy"]) == ("met", "gradient")
+    # RQ1-3: the goal is eight steps away, whatever cell can't be entered
+    assert (found["optimum"], found["worst"]) == (pytest.approx(6), pytest.approx(-9))
+    assert [run["seed"] for run in found["runs"]] == [2, 3]
+    for run in found["runs"]:
+        assert list(run) == [
+            "seed",
+            "curve",
+            "steps_to_within_5_percent",
+            "episodes_to_within_5_percent",
+            "episodes_to_solved",
+        ]
+        rows = run["curve"]
+        assert all(list(row) == ["step", "episodes", "expected_return", "sampled_return"] for row in rows)
+        assert [(row["step"], row["episodes"]) for row in rows] == [(0, 0), (1, 5), (2, 10), (3, 15)]
+        assert rows[0]["sampled_return"] is None
+    assert found["summary"]["runs"] == 2
+    assert found["summary"]["mean_initial_return"] == found["runs"][0]["curve"][0]["expected_return"]
+
+
+def test_adapt_by_belief_prints_json_alone(finished: RunFolder) -> None:
+    done = merap(
+        "adapt", finished.path, "--strategy", "belief", "--max-episodes", "2", "--seeds", "1", "--json", "-"
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["strategy"] == "belief"
+    assert [[row["episodes"] for row in run["curve"]] for run in found["runs"]] == [[0, 1, 2]]
+    assert [run["seed"] for run in found["runs"]] == [1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--seeds", "²"], "expected a:b with whole numbers or one seed, got '²'"),
+        (["--system", "mett"], "'mett'"),
+    ],
+)
+def test_adapt_refuses_what_there_is_not(
+    finished: RunFolder, tmp_path: Path, arguments: list[str], complaint: str
+) -> None:
+    report = tmp_path / "adaptation.json"
+    assert complaint in refused("adapt", finished.path, *arguments, "--json", report)
+    assert not report.exists()
+
+
+def test_adapt_does_not_write_over_a_report(finished: RunFolder, tmp_path: Path) -> None:
+    report = tmp_path / "adaptation.json"
+    report.write_text("mine")
+    assert str(report) in refused("adapt", finished.path, "--steps", "1", "--json", report)
+    assert report.read_text() == "mine"

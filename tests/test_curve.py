@@ -1,0 +1,136 @@
+"""Curves and their criteria, by hand: optimum 6, worst -9 as on RQ1-1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from merap.online.curve import Range, Row, Run, as_dict, judged, summary
+
+PAPER = Range(optimum=6.0, worst=-9.0)
+EPISODES = 35
+
+
+def run_of(values: Sequence[float], reachable: Range = PAPER, seed: int = 0) -> Run:
+    rows = [
+        Row(step, step * EPISODES, value, None if step == 0 else value) for step, value in enumerate(values)
+    ]
+    return judged(seed, rows, reachable)
+
+
+@pytest.mark.parametrize(
+    ("optimum", "value", "within"),
+    [
+        # 6 - 0.05 * 6 = 5.7
+        (6.0, 5.7001, True),
+        (6.0, 5.6999, False),
+        # -4 - 0.05 * 4 = -4.2; without the absolute value the limit would lie above the optimum
+        (-4.0, -4.1999, True),
+        (-4.0, -4.0, True),
+        (-4.0, -4.2001, False),
+        # of nothing, 5 percent are nothing
+        (0.0, 0.0, True),
+        (0.0, -1e-6, False),
+        # better than the best, by rounding
+        (6.0, 6.0000001, True),
+    ],
+)
+def test_within_5_percent_of_the_optimum(optimum: float, value: float, within: bool) -> None:
+    assert Range(optimum, optimum - 10).within_5_percent(value) is within
+
+
+@pytest.mark.parametrize(
+    ("optimum", "worst", "value", "solved"),
+    [
+        # 6 - 0.02 * 15 = 5.7
+        (6.0, -9.0, 5.7001, True),
+        (6.0, -9.0, 5.6999, False),
+        # -4 - 0.02 * 50 = -5, though that is 25 percent off
+        (-4.0, -54.0, -4.9999, True),
+        (-4.0, -54.0, -5.0001, False),
+    ],
+)
+def test_solved_is_relative_to_what_can_be_earned(
+    optimum: float, worst: float, value: float, solved: bool
+) -> None:
+    assert Range(optimum, worst).solved(value) is solved
+
+
+@pytest.mark.parametrize(
+    ("values", "steps"),
+    [
+        ([6, 6, 6, 6], 0),
+        ([-9, 6, 6, 6], 1),
+        # twice is not enough, the first of the later three counts
+        ([-9, 6, 6, 0, 6, 6, 6], 4),
+        # what comes after three does not matter
+        ([6, 6, 6, -9, -9], 0),
+        # two at the end are not three
+        ([-9, -9, -9, 6, 6], None),
+        ([6, 6], None),
+        ([-9, -9, -9, -9], None),
+        ([6, 0, 6, 6, 0, 6], None),
+        ([6, 5.8, 5.75, 0], 0),
+    ],
+)
+def test_the_first_of_three_in_a_row_counts(values: Sequence[float], steps: int | None) -> None:
+    run = run_of(values)
+    assert run.steps_to_within_5_percent == steps
+    episodes = None if steps is None else steps * EPISODES
+    assert run.episodes_to_within_5_percent == episodes
+    # 0.02 * 15 = 0.05 * 6: the two criteria agree for this optimum and worst value
+    assert run.episodes_to_solved == episodes
+
+
+def test_the_two_criteria_are_apart() -> None:
+    # 5 percent of 1 are 0.05, 2 percent of the 20 that can be earned are 0.4.
+    run = run_of([-9, 0.7, 0.7, 0.96, 0.96, 0.96], Range(1.0, -19.0))
+    assert run.episodes_to_solved == 1 * EPISODES
+    assert run.steps_to_within_5_percent == 3
+    assert run.episodes_to_within_5_percent == 3 * EPISODES
+
+
+def test_steps_and_episodes_are_those_of_the_row() -> None:
+    """A curve need not count one step a row, nor the same number of episodes each."""
+    rows = [Row(0, 0, -9, None), *(Row(10 + n, 100 + n * n, 6, 6) for n in range(3))]
+    run = judged(3, rows, PAPER)
+    assert (run.seed, run.steps_to_within_5_percent, run.episodes_to_within_5_percent) == (3, 10, 100)
+    assert run.curve == tuple(rows)
+
+
+def test_a_summary_counts_those_that_never_got_there_apart() -> None:
+    fast, slow, never = run_of([-3, 6, 6, 6]), run_of([-9, 0, 0, 0, 0, 6, 6, 6]), run_of([-9, -9, -9, -2])
+    found = summary([fast, slow, never])
+    assert found["runs"] == 3
+    # 1 and 5 steps
+    assert found["mean_steps_to_within_5_percent"] == 3
+    assert found["median_steps_to_within_5_percent"] == 3
+    assert found["max_steps_to_within_5_percent"] == 5
+    assert found["never_steps_to_within_5_percent"] == 1
+    assert found["mean_episodes_to_within_5_percent"] == 3 * EPISODES
+    assert found["max_episodes_to_solved"] == 5 * EPISODES
+    assert found["never_episodes_to_solved"] == 1
+    assert found["mean_initial_return"] == -7  # (-3 - 9 - 9) / 3
+    assert found["mean_final_return"] == pytest.approx(10 / 3)  # (6 + 6 - 2) / 3
+    assert found["min_final_return"] == -2
+
+
+def test_a_summary_of_runs_that_all_never_got_there_has_no_mean() -> None:
+    found = summary([run_of([-9, -9, -9])])
+    assert found["mean_steps_to_within_5_percent"] is None
+    assert found["max_episodes_to_solved"] is None
+    assert found["never_episodes_to_within_5_percent"] == 1
+
+
+def test_a_run_as_data() -> None:
+    assert as_dict(run_of([-9, 6], seed=7)) == {
+        "seed": 7,
+        "curve": (
+            {"step": 0, "episodes": 0, "expected_return": -9, "sampled_return": None},
+            {"step": 1, "episodes": 35, "expected_return": 6, "sampled_return": 6},
+        ),
+        "steps_to_within_5_percent": None,
+        "episodes_to_within_5_percent": None,
+        "episodes_to_solved": None,
+    }
