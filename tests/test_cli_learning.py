@@ -26,7 +26,7 @@ from tests.trained_runs import (
 )
 
 # Long enough to be killed in the middle: some seconds.
-LONG = TrainingConfig(updates=250, hidden=(4,), episodes=5)
+LONG = TrainingConfig(updates=200, hidden=(4,), episodes=5)
 
 
 def command(*arguments: str | Path) -> list[str]:
@@ -102,9 +102,11 @@ def test_a_run_killed_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    wait_for(out / CHECKPOINT_FILE, process)
-    time.sleep(np.random.default_rng().uniform(0, 0.7))  # at any moment between two checkpoints
-    os.kill(process.pid, signal.SIGKILL)
+    try:
+        wait_for(out / CHECKPOINT_FILE, process)
+        time.sleep(np.random.default_rng().uniform(0, 0.7))  # at any moment between two checkpoints
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
     assert process.wait(60) == -signal.SIGKILL
     assert not (out / "policy.safetensors").exists()
     assert 0 < checkpoint_update(out) < LONG.updates

@@ -185,3 +185,14 @@ def test_the_horizon_cuts_episodes() -> None:
     episodes = _sampled(tasks, policy, 7)
     assert episodes.state.shape == (3, 7, 1)
     assert episodes.active.all()
+
+
+def test_a_draw_of_exactly_zero_takes_no_impossible_branch() -> None:
+    """In half precision one draw in 2048 is 0, the lower bound of branches of probability 0 in front."""
+    tasks = replace(ring_batch(torch.float16), horizon=1)
+    policy = torch.zeros(tasks.enabled.shape, dtype=torch.float16)
+    policy[..., 5] = tasks.enabled[..., 5]  # `start_scan` is the last action
+    generator = seeded(0)
+    assert torch.count_nonzero(torch.rand(20_000, dtype=torch.float16, generator=generator) == 0) > 1
+    episodes = rollout(policy, sampler(tasks), 20_000, seeded(0))
+    assert torch.all(episodes.action == 5)

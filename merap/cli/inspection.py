@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from merap.cli import options
-from merap.cli.output import number, say, table, warn, write_json
+from merap.cli.output import number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 
 Weight = Annotated[float, typer.Option(min=0)]
@@ -92,6 +92,7 @@ def difference(
     from merap.concerns.synthesis import synthesise
     from merap.mdp.difference import differences
 
+    require_free_report(json, force=force)
     study = load_case(case)
     base = build_base(study)
     met = study.system(system)

@@ -11,7 +11,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from merap.cli import options
-from merap.cli.output import err, number, say, table, warn, write_json
+from merap.cli.output import err, number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
 
@@ -98,6 +98,7 @@ def adapt(
     from merap.learning.run_folder import read_run
     from merap.online import adaptation
 
+    require_free_report(json, force=force)
     if max_episodes is not None:
         steps = max_episodes // (episodes_per_step if strategy == adaptation.GRADIENT else 1)
     opened = read_run(run)

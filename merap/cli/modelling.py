@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from merap.cli import options
-from merap.cli.output import number, progress, say, table, warn, write_json
+from merap.cli.output import number, progress, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 
@@ -62,6 +62,7 @@ def verify(
     """
     from merap.checker.verdicts import verify as verify_combinations
 
+    require_free_report(json, force=force)
     study = load_case(case)
     warn(study.warnings)
     verdicts = list(verify_combinations(_chosen(study, sample, seed, "Verifying"), name))

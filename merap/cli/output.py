@@ -13,6 +13,7 @@ from rich.progress import track
 from rich.table import Table
 
 from merap.base.folder import write_file
+from merap.errors import OutputError
 
 Item = TypeVar("Item")
 PIPE_WIDTH = 160
@@ -52,6 +53,12 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     yield from track(
         items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal
     )
+
+
+def require_free_report(path: Path | None, *, force: bool) -> None:
+    """Refuse a report that is there already, before any work is done for it."""
+    if path is not None and str(path) != "-" and not force and path.exists():
+        raise OutputError(f"{path}: exists already; choose another name, or write over it with --force")
 
 
 def write_json(path: Path | None, content: Any, *, force: bool) -> None:

@@ -57,14 +57,23 @@ class RunFolder:
     names: tuple[str, ...]
 
 
+def require_free(path: Path) -> None:
+    """Refuse a folder that holds something, before any work is done for it.
+
+    Raises:
+        OutputError: it does.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"{path}: exists already; choose another folder, or go on with --resume")
+
+
 def create_run(path: Path, case: CaseStudy, base: ModelBase, config: TrainingConfig) -> RunFolder:
     """Make the folder of a run that has not begun.
 
     Raises:
         OutputError: `path` holds something, or can't be written.
     """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"{path}: exists already; choose another folder, or go on with --resume")
+    require_free(path)
     with result_folder(path, KIND) as staging:
         (staging / CASE_FILE).write_bytes(case.standalone)
         (staging / BASE_FOLDER).mkdir()

@@ -11,7 +11,7 @@ from merap.concerns.case_study import CaseStudy
 from merap.learning.checkpoint import read_checkpoint, write_checkpoint, write_policy
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks
+from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks, require_free
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
 from merap.learning.training import UpdateMetrics, meta_policy, updates
@@ -29,6 +29,7 @@ def begin_run(path: Path, case: CaseStudy, config: TrainingConfig) -> RunFolder:
         ModelError: a model is unsound.
         EngineError: Storm failed.
     """
+    require_free(path)
     base = build_base(case, max_tasks=config.max_tasks, seed=config.seed)
     return create_run(path, case, base, config)
 
