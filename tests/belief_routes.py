@@ -14,9 +14,9 @@ from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.concerns.synthesis import pair_valuations, synthesise
 from merap.mdp.model import TabularMDP
-from merap.online.belief import Belief, prior_belief
-from merap.online.belief_space import HypothesisSpace
-from merap.online.belief_update import Step, observe_enabled, observe_presence, observe_step
+from merap.online.belief.posterior import Belief, prior_belief
+from merap.online.belief.space import HypothesisSpace
+from merap.online.belief.update import Step, observe_enabled, observe_presence, observe_step
 
 Generator = np.random.Generator
 

@@ -11,10 +11,10 @@ from merap.concerns.case_study import load_case
 from merap.concerns.synthesis import synthesise
 from merap.mdp.comparison import compare
 from merap.mdp.planning import backward_induction
-from merap.online.belief import prior_belief
-from merap.online.belief_model import mean_model, sampled_model, tabular
-from merap.online.belief_planning import information_price, objective_information, plan
-from merap.online.belief_space import HypothesisSpace, hypothesis_space
+from merap.online.belief.model import mean_model, sampled_model, tabular
+from merap.online.belief.planning import information_price, objective_information, plan
+from merap.online.belief.posterior import prior_belief
+from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from tests.belief_routes import STRIP
 from tests.case_examples import GRAPH, write_case
 

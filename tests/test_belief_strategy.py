@@ -11,12 +11,12 @@ from merap.base.build import model_of
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats, TabularMDP
-from merap.online.belief import Belief
-from merap.online.belief_explanation import summarise
-from merap.online.belief_model import DomainModel
-from merap.online.belief_planning import Plan
-from merap.online.belief_space import HypothesisSpace, hypothesis_space
-from merap.online.belief_strategy import BeliefSettings, BeliefStrategy
+from merap.online.belief.explanation import summarise
+from merap.online.belief.model import DomainModel
+from merap.online.belief.planning import Plan
+from merap.online.belief.posterior import Belief
+from merap.online.belief.space import HypothesisSpace, hypothesis_space
+from merap.online.belief.strategy import BeliefSettings, BeliefStrategy
 from merap.online.curve import Run
 from merap.online.running import adapted, evaluator, reachable_range
 from merap.online.systems import Observation, SimulatedSystem

@@ -28,8 +28,8 @@ from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
-from merap.online.belief_space import hypothesis_space
-from merap.online.belief_strategy import BeliefStrategy
+from merap.online.belief.space import hypothesis_space
+from merap.online.belief.strategy import BeliefStrategy
 from merap.online.curve import Range, Row, Run, as_dict, judged, summary
 from merap.online.running import adaptation, evaluator, executed, reachable_range
 from merap.online.systems import SimulatedSystem

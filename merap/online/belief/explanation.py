@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.mdp.model import Floats
-from merap.online.belief import Belief, concern_weights, weights
-from merap.online.belief_cells import closed_probability
-from merap.online.belief_space import HypothesisSpace
-from merap.online.belief_update import family
+from merap.online.belief.cells import closed_probability
+from merap.online.belief.posterior import Belief, concern_weights, weights
+from merap.online.belief.space import HypothesisSpace
+from merap.online.belief.update import family
 
 SHOWN = 3
 LEFT = 1e-3

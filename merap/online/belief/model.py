@@ -1,6 +1,6 @@
 """The analyzer's model of the real domain: the mean of a belief, or a sample of it.
 
-Axes as in `belief_space`.
+Axes as in `space`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import numpy as np
 from merap.mdp.assembly import Branches, assemble
 from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.online.belief import Belief, weights
-from merap.online.belief_actions import ActionTable
-from merap.online.belief_cells import BOTH, KNOWN, NO_ENTRY, OBSTACLES, closed_probability
-from merap.online.belief_space import HypothesisSpace
-from merap.online.belief_update import family
+from merap.online.belief.actions import ActionTable
+from merap.online.belief.cells import BOTH, KNOWN, NO_ENTRY, OBSTACLES, closed_probability
+from merap.online.belief.posterior import Belief, weights
+from merap.online.belief.space import HypothesisSpace
+from merap.online.belief.update import family
 
 # Actions that are possible with less than this probability are left out of a plan.
 POSSIBLE = 1e-6

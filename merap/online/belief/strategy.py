@@ -12,13 +12,13 @@ from typing import Literal
 import numpy as np
 
 from merap.mdp.model import Bools, Floats
-from merap.online.belief import Belief, prior_belief
-from merap.online.belief_explanation import explain
-from merap.online.belief_model import DomainModel, mean_and_hope, sampled_model
-from merap.online.belief_planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
-from merap.online.belief_space import HypothesisSpace
-from merap.online.belief_testing import Trial, trial
-from merap.online.belief_update import (
+from merap.online.belief.explanation import explain
+from merap.online.belief.model import DomainModel, mean_and_hope, sampled_model
+from merap.online.belief.planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
+from merap.online.belief.posterior import Belief, prior_belief
+from merap.online.belief.space import HypothesisSpace
+from merap.online.belief.testing import Trial, trial
+from merap.online.belief.update import (
     Step,
     observe_detections,
     observe_enabled,

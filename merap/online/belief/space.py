@@ -2,12 +2,12 @@
 
 Environment: N of the support and, last, one with unknown obstacles. Capability: M of the support
 and, last, for each of V capability classes (equal but for `no_entry`) one with unknown places it
-can't enter. Both unknowns are independent location by location (`belief_cells`). Slip: with
+can't enter. Both unknowns are independent location by location (`cells`). Slip: with
 probability w an action does nothing at all. Objective: K of the support, and the
 same with the goal at any other location.
 
 Axes: E = N + 1 environments, C = M + V capabilities, W slips, O objectives, Y noises, A actions, P, S, U, V
-and K as in `belief_actions`.
+and K as in `actions`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
-from merap.online.belief_actions import ActionTable, action_tables
-from merap.online.belief_outside import Outside, closed_share, other_goals, split, unknown_capabilities
+from merap.online.belief.actions import ActionTable, action_tables
+from merap.online.belief.outside import Outside, closed_share, other_goals, split, unknown_capabilities
 
 MAX_TABLE = 100_000_000
 MAX_OUTCOMES = 64

@@ -5,7 +5,7 @@ The posterior is a product of the two as long as the likelihood of every observa
 observation that couples them (the task ended, and where it ended is not seen) is kept exactly
 in a third term while that has at most `MAX_COUPLED` entries, and shared out to the two above.
 
-Axes as in `belief_space`; E is the number of environments still in play.
+Axes as in `space`; E is the number of environments still in play.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from merap.mdp.model import Bools, Floats, Ints
-from merap.online.belief_space import HypothesisSpace
+from merap.online.belief.space import HypothesisSpace
 
 MAX_COUPLED = 4_000_000
 # Environments whose posterior odds against the best are beyond e^-60 are dropped.

@@ -4,15 +4,15 @@ A plan on the mean never looks again at what it holds improbable, however much t
 however often it will act. So the mean is compared with a hope: the same model with every doubtful
 move open. The hope is tried if it would pay over the episodes ahead.
 
-Axes as in `belief_space`; T steps that remain.
+Axes as in `space`; T steps that remain.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from merap.online.belief_model import DomainModel
-from merap.online.belief_planning import Plan
+from merap.online.belief.model import DomainModel
+from merap.online.belief.planning import Plan
 
 SURE = 1 - 1e-6
 

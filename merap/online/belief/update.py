@@ -3,7 +3,7 @@
 No loop runs over hypotheses: the likelihood is a small table over (family, attribute class,
 capability class, slip, pattern of open moves), gathered for all hypotheses at once.
 
-Axes as in `belief_space` and `belief_cells`.
+Axes as in `space` and `cells`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
-from merap.online.belief import MAX_COUPLED, Belief, coupled_by, open_moves, reweighted, weights
-from merap.online.belief_actions import ActionTable
-from merap.online.belief_cells import BOTH, added, closed_probability, obstacle_probability, with_unknown
-from merap.online.belief_space import HypothesisSpace
+from merap.online.belief.actions import ActionTable
+from merap.online.belief.cells import BOTH, added, closed_probability, obstacle_probability, with_unknown
+from merap.online.belief.posterior import MAX_COUPLED, Belief, coupled_by, open_moves, reweighted, weights
+from merap.online.belief.space import HypothesisSpace
 
 
 @dataclass(frozen=True)

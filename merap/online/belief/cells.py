@@ -5,7 +5,7 @@ unknown capability each is one the system can't enter. A move that fails is evid
 obstacles tells them apart. As long as an action has one move, a step speaks of one location, and the
 product of locations is the exact posterior.
 
-Axes: F families, U, V, W, P as in `belief_space`.
+Axes: F families, U, V, W, P as in `space`.
 """
 
 from __future__ import annotations

@@ -11,10 +11,10 @@ from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.errors import InputError
 from merap.mdp.model import Floats
-from merap.online.belief import Belief, concern_weights, prior_belief, weights
-from merap.online.belief_outside import Outside
-from merap.online.belief_space import HypothesisSpace, hypothesis_space
-from merap.online.belief_update import Step, observe_detections, observe_step
+from merap.online.belief.outside import Outside
+from merap.online.belief.posterior import Belief, concern_weights, prior_belief, weights
+from merap.online.belief.space import HypothesisSpace, hypothesis_space
+from merap.online.belief.update import Step, observe_detections, observe_step
 from tests.belief_routes import STRIP, Seen, inferred, log_likelihood, trajectory
 from tests.case_examples import GRAPH, write_case
 

@@ -1,6 +1,6 @@
 """Plans on a belief: what is best for the mean, and where it pays to look.
 
-Axes as in `belief_space`; T steps that remain.
+Axes as in `space`; T steps that remain.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.mdp.model import Bools, Floats, Ints
-from merap.online.belief import Belief, weights
-from merap.online.belief_model import DomainModel
-from merap.online.belief_space import HypothesisSpace
+from merap.online.belief.model import DomainModel
+from merap.online.belief.posterior import Belief, weights
+from merap.online.belief.space import HypothesisSpace
 
 IMPOSSIBLE = -1e18
 # Objectives whose own optimum counts in the price of information: the likeliest of these many.

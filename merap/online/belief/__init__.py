@@ -1,0 +1,1 @@
+"""A belief over what the real domain may be, and how to act on it."""
