@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -185,3 +186,42 @@ def test_an_observation_cannot_change_the_model() -> None:
     found = system(GOAL_NEAR).reset()
     with pytest.raises(ValueError, match="read-only"):
         found.valuation[0] = 5
+
+
+def test_a_snapshot_goes_on_as_if_nothing_had_happened() -> None:
+    """Recorded as JSON in the middle of an episode; 36 later steps agree."""
+    one, other = system(SLIPPERY, seed=3), system(SLIPPERY, seed=4)
+    trace(one, [DOWN, RIGHT, DOWN])
+    other.restore(json.loads(json.dumps(one.snapshot())))
+    assert other.state == one.state
+    rest = [RIGHT] * (HORIZON - 3)
+    assert [one.step(a).valuation.tolist() for a in rest] == [other.step(a).valuation.tolist() for a in rest]
+    assert trace(one, [DOWN] * HORIZON) == trace(other, [DOWN] * HORIZON)
+
+
+@pytest.mark.parametrize(
+    "snapshot", [{}, {"state": 0, "steps": "x", "generator": {}}, {"state": 0, "steps": 0}]
+)
+def test_what_is_no_snapshot_is_refused(snapshot: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="recorded state"):
+        system(SLIPPERY).restore(snapshot)
+
+
+def test_the_system_goes_on_under_another_model() -> None:
+    """The cell to the right gets closed while the robot stands left of it: it stays where it is."""
+    simulated = system(GOAL_NEAR)
+    simulated.reset()
+    closed = grid_model(grid_task((2, 0), closed=[(0, 1)]))
+    assert simulated.fits(closed)
+    simulated.switch(closed)
+    assert simulated.step(RIGHT).valuation.tolist() == [0, 0]
+    simulated.step(DOWN)
+    simulated.step(DOWN)
+    assert simulated.step(STOP).reward == 10
+
+
+def test_the_system_can_not_go_on_where_it_would_be_in_a_wall() -> None:
+    simulated = system(GOAL_NEAR)
+    assert simulated.fits(grid_model(grid_task((2, 0), closed=[(0, 1)])))
+    trace(simulated, [RIGHT])
+    assert not simulated.fits(grid_model(grid_task((2, 0), closed=[(0, 1)])))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -94,7 +94,7 @@ class SimulatedSystem:
             raise InputError("the episode is over; reset the system first")
         if not 0 <= action < len(self.actions) or self._simulator.choice[self._state, action] < 0:
             state = self._model.describe_state(self._state)
-            enabled = ", ".join(np.array(self.actions)[self._enabled()])
+            enabled = ", ".join(np.array(self.actions)[self.enabled])
             raise InputError(f"action {action} is not enabled in state {state}; enabled are {enabled}")
         choice = self._simulator.choice[self._state, action]
         branch = self._simulator.successors.draw(choice, self._generator.random())
@@ -102,15 +102,53 @@ class SimulatedSystem:
         self._steps += 1
         return self._observe(float(self._simulator.reward[branch]))
 
-    def _enabled(self) -> Bools:
+    @property
+    def state(self) -> int:
+        """The number of the state that the system is in; -1 before it is reset."""
+        return self._state
+
+    @property
+    def enabled(self) -> Bools:
+        """bool [A], the actions that are possible now."""
         enabled: Bools = self._simulator.choice[self._state] >= 0
         return enabled
+
+    def fits(self, model: TabularMDP) -> bool:
+        """Whether the system can go on under another model of its case, from where it is."""
+        return self._state < 0 or bool(
+            model.state_to_choice[self._state + 1] > model.state_to_choice[self._state]
+        )
+
+    def switch(self, model: TabularMDP) -> None:
+        """Go on under another model of the same case, which `fits` or a reset follows."""
+        self._model = model
+        self._simulator = simulator([model])
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that changes, as JSON has it."""
+        return {
+            "state": self._state,
+            "steps": self._steps,
+            "generator": self._generator.bit_generator.state,
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from a snapshot, under the same model.
+
+        Raises:
+            InputError: it is none of such a system.
+        """
+        try:
+            self._state, self._steps = int(snapshot["state"]), int(snapshot["steps"])
+            self._generator.bit_generator.state = snapshot["generator"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the recorded state of the system can't be used: {error}") from error
 
     def _observe(self, reward: float) -> Observation:
         completed = bool(self._simulator.completed[self._state])
         return Observation(
             valuation=self._model.valuations[self._state],
-            enabled=self._enabled(),
+            enabled=self.enabled,
             reward=reward,
             continuation=0.0 if completed else 1.0,
             truncated=not completed and self._steps >= self._horizon,
