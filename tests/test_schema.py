@@ -22,7 +22,7 @@ def data(text: str) -> Any:
 
 
 def parse(folder: Path, text: str) -> CaseSpec:
-    return validate(read_document(write_case(folder, text)))
+    return validate(read_document(write_case(folder, text)), CaseSpec)
 
 
 def editor_schema() -> jsonschema.Draft202012Validator:

@@ -43,6 +43,7 @@ class CaseStudy:
         digest: hexadecimal SHA-256 of the case file and the space file.
         warnings: what is allowed but probably not meant, one sentence each.
         check_pair: refuses an environment and a capability that don't fit together.
+        read_system: makes systems that are met.
     """
 
     name: str
@@ -57,6 +58,7 @@ class CaseStudy:
     digest: str
     warnings: tuple[str, ...]
     check_pair: Callable[[Environment, Capability], None] = field(repr=False)
+    read_system: SystemReader = field(repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -216,4 +218,5 @@ def load_case(path: str | Path) -> CaseStudy:
             *idle_rules(frame, supports.capability, resolvers.objective),
         ),
         check_pair=check_pair,
+        read_system=read_system,
     )

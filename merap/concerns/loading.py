@@ -43,7 +43,7 @@ def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
     """
     file = _case_file(path)
     document = _with_space_file(read_document(file), file)
-    return file, document, validate(document)
+    return file, document, validate(document, CaseSpec)
 
 
 def _case_file(path: Path) -> Path:

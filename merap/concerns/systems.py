@@ -1,16 +1,16 @@
-"""From the `online` part of the case file to combinations that are met."""
+"""From the `online` part of the case file, or a file about it, to combinations that are met."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, TypeVar
 
 from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.combination import Combination, Objective
 from merap.concerns.configurations import read_values
-from merap.concerns.document import KeyPath
+from merap.concerns.document import Document, KeyPath
 from merap.concerns.frame import Frame
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import ParameterTypes, Values
@@ -23,7 +23,17 @@ Resolved = TypeVar("Resolved")
 
 @dataclass(frozen=True, eq=False)
 class SystemReader:
-    """Makes online systems; values that equal a configuration take its name."""
+    """Makes online systems; values that equal a configuration take its name.
+
+    Attributes:
+        frame: of the case; its document is where errors are placed.
+        spec: of the case.
+        supports: of the case.
+        resolvers: of the case.
+        check_pair: refuses an environment and a capability that don't fit together.
+        digest: hexadecimal SHA-256 of the sources.
+        place: where the document describes the system; None: at `online.<name>`.
+    """
 
     frame: Frame
     spec: CaseSpec
@@ -31,6 +41,14 @@ class SystemReader:
     resolvers: Resolvers
     check_pair: DistributionCheck
     digest: str
+    place: KeyPath | None = None
+
+    def placed(self, document: Document, place: KeyPath) -> SystemReader:
+        """The same for a system that another document describes."""
+        return replace(self, frame=replace(self.frame, document=document), place=place)
+
+    def _path(self, name: str) -> KeyPath:
+        return ("online", name) if self.place is None else self.place
 
     def __call__(self, name: str, spec: SystemSpec) -> Combination:
         """The online system called `name`.
@@ -41,7 +59,6 @@ class SystemReader:
         self._check_name(name)
         environment = self._concern(name, "environment", self.supports.environment, spec.environment)
         capability = self._concern(name, "capability", self.supports.capability, spec.capability)
-        path = ("online", name)
         system = Combination(
             name=name,
             space=self.frame.space,
@@ -54,7 +71,7 @@ class SystemReader:
             digest=self.digest,
         )
         self.check_pair(environment, capability)
-        check_system_start(self.frame, path, system)
+        check_system_start(self.frame, self._path(name), system)
         return system
 
     def _check_name(self, name: str) -> None:
@@ -66,7 +83,7 @@ class SystemReader:
         )
         if any(support.index(name) is not None for support in supports):
             raise self.frame.document.error(
-                ("online", name), f"duplicate name {name!r}: a configuration is called so too"
+                self._path(name), f"duplicate name {name!r}: a configuration is called so too"
             )
 
     def _concern(
@@ -82,14 +99,14 @@ class SystemReader:
         if isinstance(found, int):
             name, values = support.name(found), support.configurations.values(found)
         assert not isinstance(values, int)
-        start = None if spec.start is None else (("online", system, "start"), spec.start)
+        start = None if spec.start is None else ((*self._path(system), "start"), spec.start)
         return self.resolvers.objective(name, values, start, spec.horizon)
 
     def _find(
         self, system: str, concern: str, support: Support[Any], given: str | Mapping[str, Any] | None
     ) -> int | Values:
         """The index of the configuration, or values that no configuration has."""
-        path: KeyPath = ("online", system, concern)
+        path = (*self._path(system), concern)
         if given is None:
             if support.count == 1:
                 return 0

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from merap.concerns.document import Document, KeyPath, existing_path
-from merap.concerns.schema import CaseSpec
-from merap.concerns.schema_base import shown
+from merap.concerns.schema_base import Spec, shown
 from merap.errors import InputError
+
+Specified = TypeVar("Specified", bound=Spec)
 
 # pydantic's kind of error: what is allowed, with the values of its context.
 _EXPECTED: Mapping[str, str] = {
@@ -30,14 +31,14 @@ _EXPECTED: Mapping[str, str] = {
 }
 
 
-def validate(document: Document) -> CaseSpec:
+def validate(document: Document, schema: type[Specified]) -> Specified:
     """The schema's view of `document`.
 
     Raises:
         InputError: names the first offence in the file, and how many more there are.
     """
     try:
-        return CaseSpec.model_validate(document.data)
+        return schema.model_validate(document.data)
     except ValidationError as error:
         raise _first(document, error) from error
 
