@@ -163,6 +163,31 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     )
 
 
+def attach_everywhere(pair: TabularMDP, combination: Combination) -> TabularMDP:
+    """Like `attach`, over all of P x Q x {0, 1}: state (p, q, done) has number 2 * (p * Q + q) + done.
+
+    States that can't be reached from the start keep their rows; they may have no action.
+
+    Args:
+        pair: as in `attach`, with all states of P x Q.
+        combination: whose objective is attached.
+
+    Raises:
+        ModelError: a reachable state has no action.
+    """
+    complete = _complete_in(combination)
+    initial = np.zeros(2 * len(complete))
+    initial[0::2] = _initial(combination, combination.objective.start)
+    return assemble(
+        _with_objective(pair, combination, complete),
+        initial=initial,
+        labels=_labels(combination, complete),
+        valuations=_whole_valuations(combination),
+        variable_names=(*combination.space.variable_names, "mode", "done"),
+        action_names=combination.action_names,
+    )
+
+
 def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools) -> Branches:
     end = combination.action_names.index(END)
     state, action, target, prob = _in_canonical_order(pair, combination)
