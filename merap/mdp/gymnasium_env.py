@@ -66,6 +66,7 @@ class MDPEnv(gymnasium.Env[Any, Any]):
         self.action_names = self._simulator.action_names
         self.observation_space = observation_space(self._table)
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
+        self._action_mask = (self._simulator.choice >= 0).astype(np.int8)  # [S, A]
         self._state = -1
         self._steps = 0
         self._over = True
@@ -119,7 +120,9 @@ class MDPEnv(gymnasium.Env[Any, Any]):
     def _choice(self, action: Any) -> int:
         if self._over:
             raise InputError("no episode is under way: call reset() first")
-        if not self.action_space.contains(action):
+        # The space's own check takes longer than the rest of a step, so plain integers do without.
+        plain = isinstance(action, (int, np.integer)) and 0 <= action < len(self.action_names)
+        if not plain and not self.action_space.contains(action):
             raise InputError(f"there is no action {action!r}, only 0 to {len(self.action_names) - 1}")
         choice = int(self._simulator.choice[self._state, action])
         if choice < 0:
@@ -135,7 +138,7 @@ class MDPEnv(gymnasium.Env[Any, Any]):
         return self._table[self._state].copy()
 
     def _info(self) -> dict[str, npt.NDArray[np.int8]]:
-        return {"action_mask": self.action_masks().astype(np.int8)}
+        return {"action_mask": self._action_mask[self._state].copy()}
 
 
 def register_mdp(name: str, mdp: TabularMDP, horizon: int | None = None) -> str:
