@@ -52,3 +52,9 @@ class EngineError(MerapError):
     """A model checker failed or can't answer."""
 
     exit_code: ClassVar[int] = 3
+
+
+class StorageError(MerapError):
+    """The knowledge base can't be reached, read or written; what was committed is still there."""
+
+    exit_code: ClassVar[int] = 3

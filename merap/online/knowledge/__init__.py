@@ -1,0 +1,1 @@
+"""The knowledge base: what was known, seen, decided and learned online, for good."""

@@ -1,0 +1,39 @@
+"""What several test modules need: an empty database of each kind for the knowledge base."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import psycopg
+import pytest
+
+from tests.postgresql_server import postgresql_server
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[str]:
+    """The URL of a server's first database."""
+    with postgresql_server() as url:
+        yield url
+
+
+@pytest.fixture
+def postgresql_url(postgresql: str) -> str:
+    """The URL of a database without a knowledge base."""
+    with psycopg.connect(postgresql, autocommit=True) as connection:
+        # of a test that failed
+        connection.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+            "WHERE datname = current_database() AND pid <> pg_backend_pid()"
+        )
+        connection.execute("DROP SCHEMA IF EXISTS merap CASCADE")
+    return postgresql
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def knowledge_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """The URL of an empty database, of each kind in turn."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'knowledge.sqlite'}"
+    return str(request.getfixturevalue("postgresql_url"))
