@@ -152,6 +152,11 @@ def test_schema_is_a_json_schema_that_takes_the_shipped_cases(tmp_path: Path) ->
         jsonschema.validate(YAML(typ="safe").load(path), schema)
 
 
+def test_schema_is_that_of_a_scenario_too() -> None:
+    schema = json.loads(merap("schema", "--scenario").stdout)
+    jsonschema.validate(YAML(typ="safe").load(RUNNING / "three-changes.yaml"), schema)
+
+
 def test_doctor_names_what_is_there() -> None:
     done = merap("doctor")
     assert done.returncode == 0

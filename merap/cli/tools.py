@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import shutil
+from typing import Annotated
 
 import typer
 
 from merap.cli import options
 from merap.cli.output import say, table, write_json
 from merap.concerns.schema import case_schema
+from merap.online.loop.scenario_schema import scenario_schema
 
 PACKAGES = ("merap", "stormpy", "torch", "numpy", "scipy", "jinja2", "networkx", "pydantic", "matplotlib")
 
@@ -21,9 +23,14 @@ def register(app: typer.Typer) -> None:
     app.command()(doctor)
 
 
-def schema(out: options.OptionalOut = None, force: options.Force = False) -> None:
-    """Print the JSON Schema of the case file, for editors."""
-    write_json(out if out is not None else options.STANDARD_OUTPUT, case_schema(), force=force)
+def schema(
+    scenario: Annotated[bool, typer.Option("--scenario", help="Of the scenario file of `run`.")] = False,
+    out: options.OptionalOut = None,
+    force: options.Force = False,
+) -> None:
+    """Print the JSON Schema of the case file, or of the scenario file, for editors."""
+    content = scenario_schema() if scenario else case_schema()
+    write_json(out if out is not None else options.STANDARD_OUTPUT, content, force=force)
 
 
 def doctor() -> None:

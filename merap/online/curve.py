@@ -68,8 +68,8 @@ class Run:
 
 def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
     """A run with its scores."""
-    near = _lasting([reachable.within_5_percent(row.expected_return) for row in curve])
-    solved = _lasting([reachable.solved(row.expected_return) for row in curve])
+    near = lasting([reachable.within_5_percent(row.expected_return) for row in curve])
+    solved = lasting([reachable.solved(row.expected_return) for row in curve])
     return Run(
         seed=seed,
         curve=tuple(curve),
@@ -79,7 +79,7 @@ def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
     )
 
 
-def _lasting(good: Sequence[bool]) -> int | None:
+def lasting(good: Sequence[bool]) -> int | None:
     """Index of the first of three good rows in a row."""
     windows = (all(good[index : index + IN_A_ROW]) for index in range(len(good) - IN_A_ROW + 1))
     return next((index for index, lasting in enumerate(windows) if lasting), None)

@@ -1,0 +1,153 @@
+"""A simulated system that changes as a scenario says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from merap.errors import InputError
+from merap.online.loop.scenario import Moment
+from merap.online.loop.scenario_schema import NoiseSpec
+from merap.online.loop.truth import Truth
+from merap.online.systems import Observation, ResetMode, SimulatedSystem
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What an episode has really brought, before any noise.
+
+    Attributes:
+        steps: taken.
+        earned: the undiscounted return.
+        discounted: the discounted one.
+        unsafe: steps that led into an unsafe state.
+        completed: the task is complete.
+    """
+
+    steps: int = 0
+    earned: float = 0.0
+    discounted: float = 0.0
+    unsafe: int = 0
+    completed: bool = False
+
+
+class ScenarioSystem:
+    """A managed system whose true model is another at each stage; see `systems.ManagedSystem`.
+
+    A change takes effect when its moment has come and the system is not where the change closes
+    the way: until then it waits.
+
+    Args:
+        truths: the stages.
+        noise: on rewards and actions.
+        reset: how an episode begins.
+        generator: of all draws.
+    """
+
+    def __init__(
+        self, truths: Sequence[Truth], noise: NoiseSpec, reset: ResetMode, generator: np.random.Generator
+    ) -> None:
+        self._truths = truths
+        of_system, generator = generator.spawn(2)
+        system = truths[0].stage.system
+        self._system = SimulatedSystem(
+            system, system.objective.horizon, of_system, slip=noise.slip, detect=True, reset=reset
+        )
+        self._goes_to_start = reset == "episodes"
+        self._noise = noise.reward
+        self._generator = generator
+        self._number = 0
+        self._episode = -1
+        self.tally = Tally()
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """A names."""
+        return self._system.actions
+
+    @property
+    def stage(self) -> int:
+        """The number of the stage in force."""
+        return self._number
+
+    @property
+    def truth(self) -> Truth:
+        """What is really there now."""
+        return self._truths[self._number]
+
+    def reset(self) -> Observation:
+        """Begin an episode.
+
+        Raises:
+            InputError: none can begin where the system is.
+        """
+        self._episode += 1
+        self.tally = Tally()
+        self._switch(goes_to_start=self._goes_to_start)
+        return self._system.reset()
+
+    def step(self, action: int) -> Observation:
+        """Take an action."""
+        observation = self._system.step(action)
+        self._count(observation)
+        if not observation.last and self._switch():
+            seen = self._system.look()
+            observation = replace(observation, enabled=seen.enabled, detections=seen.detections)
+        if self._noise == 0:
+            return observation
+        return replace(
+            observation, reward=observation.reward + self._noise * self._generator.standard_normal()
+        )
+
+    def _count(self, observation: Observation) -> None:
+        before = self.tally
+        discount = self.truth.stage.system.discount
+        self.tally = Tally(
+            steps=before.steps + 1,
+            earned=before.earned + observation.reward,
+            discounted=before.discounted + discount**before.steps * observation.reward,
+            unsafe=before.unsafe + int(self.truth.unsafe[self._system.state]),
+            completed=observation.continuation == 0,
+        )
+
+    def _switch(self, *, goes_to_start: bool = False) -> bool:
+        """Go on to the last stage that is due and possible; whether there is one."""
+        now = Moment(self._episode, self.tally.steps)
+        due = [number for number, truth in enumerate(self._truths) if truth.stage.begins <= now]
+        for number in reversed(due):
+            if number <= self._number:
+                return False
+            system = self._truths[number].stage.system
+            if goes_to_start or self._system.fits(system):
+                self._number = number
+                self._system.switch(system)
+                return True
+        return False
+
+    def snapshot(self) -> dict[str, Any]:
+        """All of the state, as JSON has it."""
+        return {
+            "stage": self._number,
+            "episode": self._episode,
+            "tally": asdict(self.tally),
+            "system": self._system.snapshot(),
+            "generator": self._generator.bit_generator.state,
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from a snapshot.
+
+        Raises:
+            InputError: it is none of such a system.
+        """
+        try:
+            self._number, self._episode = int(snapshot["stage"]), int(snapshot["episode"])
+            self.tally = Tally(**snapshot["tally"])
+            self._system.switch(self.truth.stage.system)
+            self._system.restore(snapshot["system"])
+            self._generator.bit_generator.state = snapshot["generator"]
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InputError(f"the recorded state of the system can't be used: {error}") from error

@@ -1,0 +1,148 @@
+"""What a run of the loop was worth: how soon it reacted, what it earned, what it violated.
+
+Axes: E episodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from merap.online.curve import Range, lasting
+from merap.online.loop.records import EpisodeRow
+from merap.online.loop.scenario import Stage
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """How the loop came to terms with a change.
+
+    It has recovered when the policy that would act if learning stopped is within 5 % of the
+    optimum, and still is after the next two episodes. A change that does the policy no harm needs
+    no reaction: all three times are 0.
+
+    Attributes:
+        episode: in which the change took effect.
+        changed: the concerns.
+        replanned: the first episode from there on in which adaptation began anew; None: in none
+            before the next change.
+        episodes: until it had recovered; None: it had not before the next change.
+        steps: likewise.
+        lost: by how much less than the optimum it earned until then, or until the next change.
+    """
+
+    episode: int
+    changed: tuple[str, ...]
+    replanned: int | None
+    episodes: int | None
+    steps: int | None
+    lost: float
+
+
+@dataclass(frozen=True, eq=False)
+class LoopReport:
+    """A run of the loop.
+
+    Attributes:
+        scenario: its name.
+        manager: who managed.
+        case: name of the case.
+        seed: of everything random.
+        rows: one for each episode.
+        reactions: one for each change that took effect.
+        shield: what the shield has done; None: there is none.
+        seconds: float [E], wall time of each episode; it never repeats.
+    """
+
+    scenario: str
+    manager: str
+    case: str
+    seed: int
+    rows: tuple[EpisodeRow, ...] = field(repr=False)
+    reactions: tuple[Reaction, ...]
+    shield: Mapping[str, Any] | None
+    seconds: tuple[float, ...] = field(repr=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; all that depends on the clock is under `times`."""
+        return {
+            "scenario": self.scenario,
+            "manager": self.manager,
+            "case": self.case,
+            "seed": self.seed,
+            "summary": summary(self.rows, self.reactions),
+            "reactions": [asdict(reaction) for reaction in self.reactions],
+            "episodes": [asdict(row) for row in self.rows],
+            "shield": self.shield,
+            "times": {
+                "seconds_per_episode": list(self.seconds),
+                "seconds_to_recover": [self.seconds_to_recover(reaction) for reaction in self.reactions],
+            },
+        }
+
+    def seconds_to_recover(self, reaction: Reaction) -> float | None:
+        """Wall time of the episodes until the loop had recovered; None: it had not."""
+        if reaction.episodes is None:
+            return None
+        return float(sum(self.seconds[reaction.episode : reaction.episode + reaction.episodes]))
+
+
+def reactions(rows: Sequence[EpisodeRow], stages: Sequence[Stage]) -> tuple[Reaction, ...]:
+    """How the loop came to terms with each change that took effect.
+
+    Args:
+        rows: of all episodes.
+        stages: of the scenario.
+    """
+    found = []
+    for number in range(1, len(stages)):
+        mine = [row for row in rows if row.stage == number]
+        if mine:
+            found.append(_reaction(mine, stages[number]))
+    return tuple(found)
+
+
+def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
+    first = rows[0]
+    assert first.entered is not None
+    reachable = Range(first.optimum, -np.inf)
+    values = [first.entered, *(row.expected for row in rows)]
+    recovered = lasting([reachable.within_5_percent(value) for value in values])
+    until = rows if recovered is None else rows[:recovered]
+    return Reaction(
+        episode=first.episode,
+        changed=stage.changed,
+        replanned=next((row.episode for row in rows if row.replans), None),
+        episodes=recovered,
+        steps=None if recovered is None else sum(row.steps for row in until),
+        lost=float(sum(row.optimum - row.earned for row in until)),
+    )
+
+
+def summary(rows: Sequence[EpisodeRow], reacted: Sequence[Reaction]) -> dict[str, Any]:
+    """Figures over all episodes; means of reactions are of those that there were."""
+    episodes = [reaction.episodes for reaction in reacted if reaction.episodes is not None]
+    return {
+        "episodes": len(rows),
+        "mean_return": _mean([row.earned for row in rows]),
+        "mean_discounted_return": _mean([row.discounted for row in rows]),
+        "mean_optimum": _mean([row.optimum for row in rows]),
+        "regret": float(sum(row.optimum - row.earned for row in rows)),
+        "completed": sum(row.completed for row in rows),
+        "unsafe_visits": sum(row.unsafe for row in rows),
+        "episodes_with_unsafe_visits": sum(row.unsafe > 0 for row in rows),
+        "adaptations": sum(row.replans for row in rows),
+        "policy_updates": sum(row.updates for row in rows),
+        "fallbacks": sum(row.fallbacks for row in rows),
+        "problems": sum(row.problems for row in rows),
+        "changes": len(reacted),
+        "changes_recovered_from": len(episodes),
+        "mean_episodes_to_recover": _mean(episodes),
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None

@@ -1,0 +1,130 @@
+"""The timeline of a loop: what each episode returned, what was possible, and what happened when.
+
+Axes: E episodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from merap.online.loop.records import EpisodeRow
+from merap.online.loop.scores import LoopReport, Reaction
+from merap.report.style import (
+    BLUE,
+    FONT_SIZE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY_BLUE,
+    TITLE_SIZE,
+    VERMILLION,
+)
+
+
+def draw_timeline(report: LoopReport) -> Figure:
+    """Draw return and optimum of every episode, changes, re-plannings, and what went wrong.
+
+    Args:
+        report: of a loop; it has at least one episode.
+    """
+    figure = Figure(figsize=(9.0, 4.6), facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _draw_phases(axes, report.rows)
+    _draw_values(axes, report.rows)
+    _draw_events(axes, report.rows)
+    _draw_changes(axes, report.reactions)
+    title = f"{report.scenario}, managed by {report.manager}"
+    axes.set_title(title, fontsize=TITLE_SIZE, fontweight="bold", color=INK, loc="left", pad=18)
+    axes.set_xlim(-0.5, len(report.rows) - 0.5)
+    axes.set_xlabel("episode", fontsize=FONT_SIZE + 1, color=INK)
+    axes.set_ylabel("return", fontsize=FONT_SIZE + 1, color=INK)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.tick_params(labelsize=FONT_SIZE, labelcolor=INK)
+    axes.grid(color=PALE, linewidth=0.6, alpha=0.7, axis="y")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=FONT_SIZE, frameon=False)
+    return figure
+
+
+def _draw_phases(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
+    """A band over the episodes in which the policy was adapted."""
+    label: str | None = "policy is adapted"
+    for adapting, group in groupby(rows, lambda row: row.phase == "adapting" or row.replans > 0):
+        episodes = [row.episode for row in group]
+        if adapting:
+            axes.axvspan(
+                episodes[0] - 0.5,
+                episodes[-1] + 0.5,
+                facecolor=SKY_BLUE,
+                alpha=0.16,
+                edgecolor="none",
+                label=label,
+                gid="adapting",
+            )
+            label = None
+
+
+def _draw_values(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
+    episodes = np.array([row.episode for row in rows])
+    edges = np.append(episodes - 0.5, episodes[-1] + 0.5)
+    optimum = [row.optimum for row in rows]
+    axes.stairs(
+        optimum, edges, baseline=None, color=INK, linestyle="dashed", linewidth=1.2,
+        label="optimum in force", gid="optimum",
+    )  # fmt: skip
+    axes.plot(
+        episodes, [row.expected for row in rows], color=GREEN, linewidth=1.4, linestyle=(0, (1, 0.9)),
+        label="expected return of the policy", gid="expected",
+    )  # fmt: skip
+    axes.plot(
+        episodes, [row.earned for row in rows], color=BLUE, linewidth=0.9, marker="o", markersize=3.5,
+        label="return", gid="return",
+    )  # fmt: skip
+
+
+def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
+    """Marks under the curves, one line for each kind of event that there is."""
+    kinds = (
+        ("re-planning", "^", VERMILLION, [row.episode for row in rows if row.replans]),
+        ("unsafe visit", "x", PURPLE, [row.episode for row in rows if row.unsafe]),
+        ("fault or fallback", "s", ORANGE, [row.episode for row in rows if row.problems or row.fallbacks]),
+    )
+    low = min(min(row.earned, row.expected) for row in rows)
+    high = max(row.optimum for row in rows)
+    line = 0.07 * max(high - low, 1e-9)
+    for label, marker, colour, episodes in kinds:
+        if episodes:
+            low -= line
+            axes.plot(
+                episodes, [low] * len(episodes), linestyle="none", marker=marker, markersize=6,
+                color=colour, label=label, gid=label,
+            )  # fmt: skip
+    axes.set_ylim(low - line, high + line)
+
+
+def _draw_changes(axes: Axes, reactions: Sequence[Reaction]) -> None:
+    for reaction in reactions:
+        axes.axvline(reaction.episode - 0.5, color=GREY, linewidth=1.2, gid="change")
+        axes.annotate(
+            ", ".join(reaction.changed) or "no change",
+            (reaction.episode - 0.5, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize=FONT_SIZE,
+            color=INK,
+        )

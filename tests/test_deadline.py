@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from merap.online.loop.deadline import Punctual
+
+PATIENCE = 60.0
+
+
+def test_without_a_limit_work_is_done_at_once() -> None:
+    done: list[str] = []
+    with Punctual[str](None) as punctual:
+        punctual.later(lambda: done.append("first"))
+        assert punctual.in_time(lambda: "second") == "second"
+        assert done == ["first"]
+
+
+def test_work_in_time_has_its_result() -> None:
+    with Punctual[int](PATIENCE) as punctual:
+        assert punctual.in_time(lambda: 6 * 7) == 42
+
+
+def test_late_work_is_finished_before_the_next_piece() -> None:
+    """The first piece waits for a signal that is given after it was found late."""
+    done: list[str] = []
+    signal = threading.Event()
+
+    def slow() -> str:
+        assert signal.wait(PATIENCE)
+        done.append("slow")
+        return "too late"
+
+    with Punctual[str](0.01) as punctual:
+        assert punctual.in_time(slow) is None
+        punctual.later(lambda: done.append("next"))
+        assert done == []
+        signal.set()
+        punctual.finish()
+        assert done == ["slow", "next"]
+
+
+def test_while_patient_nothing_is_late() -> None:
+    started = threading.Event()
+
+    def slow() -> int:
+        started.wait(0.05)
+        return 1
+
+    with Punctual[int](0.001) as punctual:
+        punctual.patient = True
+        assert punctual.in_time(slow) == 1
+
+
+def test_what_goes_wrong_beside_the_loop_comes_out_at_its_end() -> None:
+    def wrong() -> None:
+        raise ValueError("no such state")
+
+    with Punctual[int](PATIENCE) as punctual:
+        punctual.later(wrong)
+        with pytest.raises(ValueError, match="no such state"):
+            punctual.finish()
+        punctual.finish()
