@@ -5,39 +5,32 @@ Axes: B episodes, T steps, S states, A actions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count, islice
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from merap.base.build import model_of
 from merap.concerns.combination import Combination
 from merap.errors import InputError
-from merap.learning.checkpoint import read_policy
-from merap.learning.gradient_step import behaviour, sampled_step
-from merap.learning.meta import MetaPolicy
-from merap.learning.policy import Parameters, policy_table, stack_parameters
-from merap.learning.rollout import Episodes, rollout, sampler
 from merap.learning.run_folder import RunFolder
-from merap.learning.running import tasks_of
-from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
-from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
-from merap.online.belief.space import hypothesis_space
-from merap.online.belief.strategy import BeliefStrategy
 from merap.online.curve import Range, Row, Run, as_dict, judged, summary
 from merap.online.running import adaptation, evaluator, executed, reachable_range
+from merap.online.strategies.registry import (
+    ALL,
+    GRADIENT,
+    PRETRAINED,
+    StrategyContext,
+    make_strategy,
+    parse_strategy,
+)
+from merap.online.strategy import Strategy
 from merap.online.systems import SimulatedSystem
 
-GRADIENT = "gradient"
-BELIEF = "belief"
-STRATEGIES = (GRADIENT, BELIEF)
-MAX_EPISODES = 1_000_000
+OnStep = Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +68,31 @@ class Adaptation:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Encounter:
+    """A simulated system that is met, for any strategy to adapt to.
+
+    Attributes:
+        system: what is met.
+        model: its true model, on the canonical index.
+        reachable: what any policy can earn there.
+        context: what strategies are made from.
+    """
+
+    system: Combination
+    model: TabularMDP
+    reachable: Range
+    context: StrategyContext
+
+
+def encounter(run: RunFolder, system: Combination, *, episodes_per_step: int = 35) -> Encounter:
+    """Build a system that is met; arguments as those of `adapt`."""
+    model = model_of(system)
+    horizon = system.objective.horizon
+    context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
+    return Encounter(system, model, reachable_range(model, horizon), context)
+
+
 def adapt(
     run: RunFolder,
     system: Combination,
@@ -82,8 +100,9 @@ def adapt(
     strategy: str = GRADIENT,
     episodes_per_step: int = 35,
     steps: int = 30,
+    max_episodes: int | None = None,
     seeds: Sequence[int] = (0,),
-    on_step: Callable[[], None] = lambda: None,
+    on_step: OnStep = lambda: None,
 ) -> Adaptation:
     """Adapt to a simulated system, once for each seed.
 
@@ -92,90 +111,133 @@ def adapt(
     Args:
         run: a finished training run.
         system: an online system or a combination of the run's case.
-        strategy: `gradient` (gradient steps from the meta policy, `eq:adaptation`) or `belief` (a
-            posterior over what the domain may be, updated after each episode).
-        episodes_per_step: B, of `gradient`.
+        strategy: one of `registry.STRATEGIES`.
+        episodes_per_step: B, of strategies that take gradient steps.
         steps: policy updates.
+        max_episodes: real episodes at most, in place of `steps`.
         seeds: of the episodes.
         on_step: called after each policy update of each seed.
 
     Raises:
         InputError: the run is not finished, there is no seed, or no such strategy.
     """
+    require_adaptable(strategy, seeds)
+    met = encounter(run, system, episodes_per_step=episodes_per_step)
+    return adapt_to(met, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
+
+
+def require_adaptable(strategy: str, seeds: Sequence[int]) -> None:
+    """Refuse what can't be adapted with, before any work is done.
+
+    Raises:
+        InputError: there is no seed, or no such strategy.
+    """
     if not seeds:
         raise InputError("there is no seed to adapt with")
-    if strategy not in STRATEGIES:
-        raise InputError(f"there is no strategy {strategy!r}; allowed: {', '.join(STRATEGIES)}")
-    model = model_of(system)
-    reachable = reachable_range(model, system.objective.horizon)
-    runs, policies = [], []
+    if parse_strategy(strategy) == (PRETRAINED, ALL):
+        raise InputError(f"{strategy!r} is one policy for each task; adapt with one of them")
+
+
+def adapt_to(
+    met: Encounter,
+    strategy: str,
+    *,
+    steps: int = 30,
+    max_episodes: int | None = None,
+    seeds: Sequence[int] = (0,),
+    on_step: OnStep = lambda: None,
+) -> Adaptation:
+    """Adapt to what is met; see `adapt`."""
+    require_adaptable(strategy, seeds)
+    found = []
     with one_thread():
-        adaptations = (
-            _gradient(run, system, model, episodes_per_step)
-            if strategy == GRADIENT
-            else _belief(run, system, model)
-        )
         for seed in seeds:
-            rows = []
-            for row, policy in islice(adaptations(seed), steps + 1):
-                rows.append((row, policy))
-                if row.step:
-                    on_step()
-            runs.append(judged(seed, [row for row, _ in rows], reachable))
-            policies.append((rows[0][1], rows[-1][1]))
-    before, after = policies[0]
-    return Adaptation(system.name, strategy, reachable, tuple(runs), before, after, model)
+            of_system, of_strategy = np.random.default_rng(seed).spawn(2)
+            chosen = make_strategy(strategy, met.context, of_strategy)
+            limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
+            found.append(_followed(met, chosen, of_system, limit, on_step))
+    before, _, after = found[0]
+    runs = tuple(judged(seed, rows, met.reachable) for seed, (_, rows, _) in zip(seeds, found, strict=True))
+    return Adaptation(met.system.name, strategy, met.reachable, runs, before, after, met.model)
 
 
-# By seed: rows without end, with the policy that would act then.
-Adaptations = Callable[[int], Iterator[tuple[Row, Floats]]]
+def _followed(
+    met: Encounter, strategy: Strategy, generator: np.random.Generator, max_episodes: int, on_step: OnStep
+) -> tuple[Floats, list[Row], Floats]:
+    """One adaptation: the policy before, its curve, the policy after."""
+    before = executed(met.model, strategy.policy())
+    simulated = SimulatedSystem(met.model, met.context.horizon, generator)
+    evaluate = evaluator(met.model, met.context.horizon)
+    rows = []
+    for row in adaptation(simulated, strategy, evaluate, max_episodes):
+        rows.append(row)
+        if row.step:
+            on_step()
+    return before, rows, executed(met.model, strategy.policy())
 
 
-def _belief(run: RunFolder, system: Combination, model: TabularMDP) -> Adaptations:
-    space = hypothesis_space(run.case)
-    horizon = system.objective.horizon
-    evaluate = evaluator(model, horizon)
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How much it matters for which combination a policy was learned that is not adapted.
 
-    def adaptations(seed: int) -> Iterator[tuple[Row, Floats]]:
-        of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-        strategy = BeliefStrategy(space, horizon, of_strategy)
-        simulated = SimulatedSystem(model, horizon, of_system)
-        for row in adaptation(simulated, strategy, evaluate, MAX_EPISODES):
-            yield row, executed(model, strategy.policy())
+    Attributes:
+        values: combination -> exact value of its policy on the true model, best first.
+        best: the best of them played, as `pretrained:<combination>`.
+        median: likewise; of an even number the better one.
+        worst: likewise.
+    """
 
-    return adaptations
+    values: Mapping[str, float]
+    best: Adaptation
+    median: Adaptation
+    worst: Adaptation
 
+    @property
+    def shown(self) -> tuple[Adaptation, ...]:
+        """Best, median, worst."""
+        return self.best, self.median, self.worst
 
-def _gradient(run: RunFolder, system: Combination, model: TabularMDP, num_episodes: int) -> Adaptations:
-    meta = read_policy(run, tasks_of(run))
-    tasks = task_batch([model], system.objective.horizon, system.discount)
-    simulated = sampler(tasks)
-
-    def adaptations(seed: int) -> Iterator[tuple[Row, Floats]]:
-        generator = torch.Generator().manual_seed(seed)
-        parameters = stack_parameters(meta.parameters, 1)
-        sampled_return = None
-        for step in count():
-            policy = _acting(meta, parameters, tasks)
-            value = expected_return(model, policy, tasks.horizon)
-            yield Row(step, step * num_episodes, value, sampled_return), policy
-            exploring = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
-            episodes = rollout(exploring, simulated, num_episodes, generator)
-            sampled_return = episodes.returns.mean().item()
-            parameters = _stepped(meta, parameters, tasks.enabled, episodes)
-
-    return adaptations
-
-
-def _stepped(meta: MetaPolicy, parameters: Parameters, enabled: Tensor, episodes: Episodes) -> Parameters:
-    return sampled_step(
-        meta.network, parameters, meta.step_sizes, enabled, episodes, meta.rule, meta.variance
-    ).parameters
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "system": self.best.system,
+            "strategy": f"{PRETRAINED}:{ALL}",
+            "optimum": self.best.reachable.optimum,
+            "worst": self.best.reachable.worst,
+            "values": dict(self.values),
+            "best_policy": self.best.as_dict(),
+            "median_policy": self.median.as_dict(),
+            "worst_policy": self.worst.as_dict(),
+        }
 
 
-def _acting(meta: MetaPolicy, parameters: Parameters, tasks: TaskBatch) -> Floats:
-    """The policy that acts when learning has stopped, over all actions of the model."""
-    with torch.no_grad():
-        table = policy_table(meta.network, parameters, tasks.enabled)[0].double().numpy()
-    ending = ~tasks.enabled[0].any(dim=-1).numpy()
-    return np.column_stack([table, ending])
+def spread_of_pretrained(
+    met: Encounter,
+    *,
+    steps: int = 30,
+    max_episodes: int | None = None,
+    seeds: Sequence[int] = (0,),
+    on_step: OnStep = lambda: None,
+) -> Spread:
+    """Play the policies learned for the base's combinations that are best, median and worst here.
+
+    Which those are is known from the true model: this shows the range of a baseline and is no
+    way to adapt. Arguments as those of `adapt`.
+    """
+    names = met.context.run.names
+    evaluate = evaluator(met.model, met.context.horizon)
+    policies = met.context.pretrained(names)
+    values = {name: evaluate(policy) for name, policy in zip(names, policies, strict=True)}
+    ranked = sorted(values, key=lambda name: -values[name])
+    best, median, worst = (
+        adapt_to(
+            met,
+            f"{PRETRAINED}:{ranked[place]}",
+            steps=steps,
+            max_episodes=max_episodes,
+            seeds=seeds,
+            on_step=on_step,
+        )
+        for place in (0, (len(ranked) - 1) // 2, -1)
+    )
+    return Spread({name: values[name] for name in ranked}, best, median, worst)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import numpy as np
 WITHIN = 0.05
 SOLVED = 0.02
 IN_A_ROW = 3
+QUANTILES = (50, 95)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,11 @@ class Run:
         steps_to_within_5_percent: of the first of three rows in a row that are; None if never.
         episodes_to_within_5_percent: likewise.
         episodes_to_solved: of the first of three rows in a row that are solved; None if never.
+        first_episode_regret: optimum minus the value of the policy before any episode.
+        cumulative_regret: optimum minus the value of the policy in use, summed over the real
+            episodes; exploration is not in it.
+        sampled_regret: optimum minus what the real episodes returned, summed: with exploration,
+            and with luck.
     """
 
     seed: int
@@ -64,6 +72,9 @@ class Run:
     steps_to_within_5_percent: int | None
     episodes_to_within_5_percent: int | None
     episodes_to_solved: int | None
+    first_episode_regret: float
+    cumulative_regret: float
+    sampled_regret: float
 
 
 def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
@@ -76,6 +87,16 @@ def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
         steps_to_within_5_percent=None if near is None else curve[near].step,
         episodes_to_within_5_percent=None if near is None else curve[near].episodes,
         episodes_to_solved=None if solved is None else curve[solved].episodes,
+        first_episode_regret=reachable.optimum - curve[0].expected_return,
+        cumulative_regret=sum(
+            (now.episodes - before.episodes) * (reachable.optimum - before.expected_return)
+            for before, now in pairwise(curve)
+        ),
+        sampled_regret=sum(
+            (now.episodes - before.episodes) * (reachable.optimum - now.sampled_return)
+            for before, now in pairwise(curve)
+            if now.sampled_return is not None
+        ),
     )
 
 
@@ -86,15 +107,27 @@ def lasting(good: Sequence[bool]) -> int | None:
 
 
 def summary(runs: Sequence[Run]) -> dict[str, Any]:
-    """Figures over runs: means and medians are of the runs that got there, `never` counts the others."""
+    """Figures over runs.
+
+    Means, medians and maxima of steps and episodes are of the runs that got there, `never` counts
+    the others. Quantiles are over all runs, where one that never got there counts as longer than
+    any; they are None where they fall on one of those.
+    """
+    steps = [run.steps_to_within_5_percent for run in runs]
+    episodes = [run.episodes_to_within_5_percent for run in runs]
+    solved = [run.episodes_to_solved for run in runs]
     return {
         "runs": len(runs),
-        **_statistics("steps_to_within_5_percent", [run.steps_to_within_5_percent for run in runs]),
-        **_statistics("episodes_to_within_5_percent", [run.episodes_to_within_5_percent for run in runs]),
-        **_statistics("episodes_to_solved", [run.episodes_to_solved for run in runs]),
+        **_statistics("steps_to_within_5_percent", steps),
+        **_statistics("episodes_to_within_5_percent", episodes),
+        **_quantiles("episodes_to_within_5_percent", episodes),
+        **_statistics("episodes_to_solved", solved),
         "mean_initial_return": float(np.mean([run.curve[0].expected_return for run in runs])),
         "mean_final_return": float(np.mean([run.curve[-1].expected_return for run in runs])),
         "min_final_return": float(np.min([run.curve[-1].expected_return for run in runs])),
+        **_regrets("first_episode_regret", [run.first_episode_regret for run in runs]),
+        **_regrets("cumulative_regret", [run.cumulative_regret for run in runs]),
+        **_regrets("sampled_regret", [run.sampled_regret for run in runs]),
     }
 
 
@@ -106,6 +139,19 @@ def _statistics(name: str, values: Sequence[int | None]) -> dict[str, Any]:
         f"max_{name}": max(reached, default=None),
         f"never_{name}": len(values) - len(reached),
     }
+
+
+def _quantiles(name: str, values: Sequence[int | None]) -> dict[str, Any]:
+    """The least value that half, and 95 percent, of the runs do not exceed."""
+    ranked = sorted(math.inf if value is None else value for value in values)
+    found = {percent: ranked[math.ceil(percent * len(ranked) / 100) - 1] for percent in QUANTILES}
+    return {
+        f"quantile_{percent}_{name}": None if value == math.inf else value for percent, value in found.items()
+    }
+
+
+def _regrets(name: str, values: Sequence[float]) -> dict[str, float]:
+    return {f"mean_{name}": float(np.mean(values)), f"max_{name}": float(np.max(values))}
 
 
 def as_dict(run: Run) -> dict[str, Any]:

@@ -74,10 +74,11 @@ class StateIndex:
         """
         if observation.continuation == 0:
             return self._completed
-        values = tuple(int(value) for value in observation.valuation)
-        if values not in self._number:
+        values = tuple(observation.valuation.tolist())
+        number = self._number.get(values)
+        if number is None:
             raise InputError(f"the observed state {values} is none of the case's {self._completed}")
-        return self._number[values]
+        return number
 
 
 def best_allowed(ranked: Floats, allowed: Bools) -> int:

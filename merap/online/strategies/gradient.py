@@ -1,11 +1,14 @@
-"""The strategy `gradient`: gradient steps from the meta policy on real episodes (`eq:adaptation`).
+"""The strategies `gradient` and `ope`: policy gradients from real episodes (`eq:adaptation`).
+
+Both are one learner; `gradient` begins at the meta policy, `ope` (online policy evolution, the
+paper's baseline) at random parameters.
 
 Axes: B episodes, T steps, S states, A declared actions.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -13,11 +16,17 @@ from torch import Tensor
 
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy
-from merap.learning.policy import policy_table, stack_parameters
+from merap.learning.policy import initial_parameters, policy_table, stack_parameters
 from merap.learning.rollout import Episodes
 from merap.mdp.model import Bools, Floats, Ints
+from merap.online.strategies.drawing import draw_action
 from merap.online.strategy import StateIndex
 from merap.online.systems import Observation
+
+# Of every parameter, where no training has learned any (the authors' setting).
+STEP_SIZE = 0.5
+# The running mean of the advantages' variance looks back about that many updates.
+VARIANCE_MEMORY = 20
 
 
 @dataclass(frozen=True)
@@ -25,6 +34,14 @@ class _Step:
     state: int
     action: int
     reward: float
+
+
+def untrained(meta: MetaPolicy, generator: np.random.Generator) -> MetaPolicy:
+    """Where `ope` begins: the network and the rule of a meta policy, and nothing that it has learned."""
+    drawn = torch.Generator().manual_seed(int(generator.integers(2**63)))
+    parameters = initial_parameters(meta.network, drawn, meta.variance.dtype)
+    step_sizes = {name: torch.full_like(value, STEP_SIZE) for name, value in parameters.items()}
+    return replace(meta, parameters=parameters, step_sizes=step_sizes)
 
 
 class GradientStrategy:
@@ -38,19 +55,28 @@ class GradientStrategy:
         valuations: int64 [S, V], the canonical index; the completed state is the last.
         episodes_per_update: B.
         generator: of its actions.
+        trained: the start was learned, and its variance of the advantages with it; else that is a
+            running mean over the updates.
     """
 
     def __init__(
-        self, meta: MetaPolicy, valuations: Ints, episodes_per_update: int, generator: np.random.Generator
+        self,
+        meta: MetaPolicy,
+        valuations: Ints,
+        episodes_per_update: int,
+        generator: np.random.Generator,
+        *,
+        trained: bool = True,
     ) -> None:
         self.episodes_per_update = episodes_per_update
         self._meta = meta
+        self._trained = trained
+        self._variance = meta.variance if trained else None
         self._number = StateIndex(valuations)
         self._generator = generator
         self._parameters = stack_parameters(meta.parameters, 1)
-        enabled = torch.ones(1, len(valuations), meta.network.num_actions, dtype=torch.bool)
-        enabled[:, -1] = False
-        self._enabled = enabled
+        self._enabled = np.ones((len(valuations), meta.network.num_actions), dtype=np.bool_)
+        self._enabled[-1] = False
         self._episodes: list[list[_Step]] = []
         self._state = -1
         self._last_returns: tuple[float, ...] = ()
@@ -64,10 +90,7 @@ class GradientStrategy:
 
     def act(self, allowed: Bools) -> int:
         """An action drawn from the policy with the rule's exploration, among those allowed."""
-        shares = self._behaviour[self._state] * allowed
-        if shares.sum() == 0:
-            shares = allowed.astype(np.float64)
-        return int(self._generator.choice(len(shares), p=shares / shares.sum()))
+        return draw_action(self._behaviour[self._state], allowed, self._generator.random())
 
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
@@ -78,45 +101,57 @@ class GradientStrategy:
         """One gradient step on the episodes since the last one."""
         meta = self._meta
         episodes = self._sampled()
-        self._parameters = sampled_step(
+        stepped = sampled_step(
             meta.network,
             self._parameters,
             meta.step_sizes,
-            self._enabled,
+            self._mask(),
             episodes,
             meta.rule,
-            meta.variance,
-        ).parameters
+            self._variance,
+        )
+        self._parameters = stepped.parameters
         self._last_returns = tuple(episodes.returns.flatten().tolist())
         self._updates += 1
+        if not self._trained:
+            self._variance = self._running_mean(stepped.variance.mean())
         self._episodes = []
         self._behaviour = self._exploring()
 
     def policy(self) -> Floats:
         """float64 [S, A], the policy without exploration."""
         with torch.no_grad():
-            return _rows(policy_table(self._meta.network, self._parameters, self._enabled))
+            return _rows(policy_table(self._meta.network, self._parameters, self._mask()))
 
     def explain(self) -> tuple[str, ...]:
         """How far it has come."""
+        start = "the meta policy" if self._trained else "random parameters"
         if not self._last_returns:
-            return ("the meta policy as it was trained; no episode yet",)
+            return (f"{start} as before any episode",)
         mean, best = float(np.mean(self._last_returns)), max(self._last_returns)
         return (
-            f"{self._updates} gradient steps from the meta policy",
+            f"{self._updates} gradient steps from {start}",
             f"the last {len(self._last_returns)} episodes returned {mean:.3g} on average, {best:.3g} at best",
         )
 
     def _look(self, observation: Observation) -> None:
         self._state = self._number(observation)
-        seen = torch.from_numpy(observation.enabled)
-        if observation.continuation and not torch.equal(self._enabled[0, self._state], seen):
-            self._enabled[0, self._state] = seen
+        if observation.continuation and (self._enabled[self._state] != observation.enabled).any():
+            self._enabled[self._state] = observation.enabled
             self._behaviour = self._exploring()
+
+    def _mask(self) -> Tensor:
+        """bool [1, S, A], where actions are taken to be enabled."""
+        return torch.from_numpy(self._enabled).unsqueeze(0)
 
     def _exploring(self) -> Floats:
         with torch.no_grad():
-            return _rows(behaviour(self._meta.network, self._parameters, self._enabled, self._meta.rule))
+            return _rows(behaviour(self._meta.network, self._parameters, self._mask(), self._meta.rule))
+
+    def _running_mean(self, seen: Tensor) -> Tensor:
+        if self._variance is None:
+            return seen
+        return self._variance + (seen - self._variance) / min(self._updates, VARIANCE_MEMORY)
 
     def _sampled(self) -> Episodes:
         """The episodes side by side, padded to the longest."""

@@ -1,0 +1,117 @@
+"""Policies by exact policy gradient on known models, without meta-learning (the baselines).
+
+The policy that is evaluated has a uniform part that falls to 0: early on every state is visited, so
+that no way of earning is out of the gradient's sight.
+
+Axes: N tasks, S states, A actions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from merap.learning.exact import ExactProblem, exact_problem, expected_return
+from merap.learning.policy import (
+    Parameters,
+    PolicyNetwork,
+    explore,
+    initial_parameters,
+    policy_table,
+    stack_parameters,
+)
+from merap.learning.tasks import TaskBatch
+from merap.learning.threads import one_thread
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How a policy is searched for.
+
+    Attributes:
+        updates: steps of Adam.
+        learning_rate: falls to a tenth of itself along a cosine.
+        exploration: uniform part of the policy at the beginning; falls to 0.
+        tasks_per_update: of `joint_parameters`, models drawn for an update, at most all.
+        seed: of parameters and draws.
+    """
+
+    updates: int = 200
+    learning_rate: float = 0.02
+    exploration: float = 0.5
+    tasks_per_update: int = 64
+    seed: int = 0
+
+
+def separate_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings) -> Parameters:
+    """A policy for each task that is good there; what a task gives does not depend on the others.
+
+    Returns:
+        [N, ...].
+    """
+    drawn = torch.Generator().manual_seed(settings.seed)
+    start = stack_parameters(initial_parameters(network, drawn, tasks.dtype), tasks.num_tasks)
+    parameters = {name: value.clone() for name, value in start.items()}
+    problem = exact_problem(tasks)
+
+    def loss(progress: float) -> Tensor:
+        return -_returns(network, parameters, tasks, problem, settings, progress).sum()
+
+    return _minimised(parameters, loss, settings)
+
+
+def joint_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings) -> Parameters:
+    """One policy whose mean return over all tasks is good.
+
+    Returns:
+        [...].
+    """
+    drawn = torch.Generator().manual_seed(settings.seed)
+    parameters = initial_parameters(network, drawn, tasks.dtype)
+    size = min(settings.tasks_per_update, tasks.num_tasks)
+    whole = exact_problem(tasks) if size == tasks.num_tasks else None
+
+    def loss(progress: float) -> Tensor:
+        some, problem = tasks, whole
+        if problem is None:
+            some = tasks[torch.randperm(tasks.num_tasks, generator=drawn)[:size]]
+            problem = exact_problem(some)
+        stacked = stack_parameters(parameters, size)
+        return -_returns(network, stacked, some, problem, settings, progress).mean()
+
+    return _minimised(parameters, loss, settings)
+
+
+def _returns(
+    network: PolicyNetwork,
+    parameters: Parameters,
+    tasks: TaskBatch,
+    problem: ExactProblem,
+    settings: SearchSettings,
+    progress: float,
+) -> Tensor:
+    """float [N], exact discounted returns with the exploration that is left."""
+    table = policy_table(network, parameters, tasks.enabled)
+    return expected_return(explore(table, tasks.enabled, settings.exploration * (1 - progress)), problem)
+
+
+def _minimised(
+    parameters: Parameters, loss: Callable[[float], Tensor], settings: SearchSettings
+) -> Parameters:
+    """The parameters after Adam; `loss` is given how much of the search is done, in [0, 1)."""
+    for leaf in parameters.values():
+        leaf.requires_grad_()
+    optimizer = torch.optim.Adam(parameters.values(), lr=settings.learning_rate)
+    with one_thread():
+        for update in range(settings.updates):
+            progress = update / settings.updates
+            for group in optimizer.param_groups:
+                group["lr"] = settings.learning_rate * (0.55 + 0.45 * math.cos(math.pi * progress))
+            optimizer.zero_grad()
+            loss(progress).backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+    return {name: value.detach() for name, value in parameters.items()}
