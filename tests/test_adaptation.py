@@ -18,7 +18,8 @@ from merap.learning.run_folder import RunFolder
 from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
-from merap.online.adaptation import BELIEF, GRADIENT, Adaptation, adapt
+from merap.online.adaptation import Adaptation, adapt, encounter, spread_of_pretrained
+from merap.online.strategies.registry import BELIEF, GRADIENT
 from tests.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained
 
@@ -133,7 +134,7 @@ def test_the_true_model_is_the_system_that_is_met(hasty: RunFolder, of_hasty: Ad
 
 def test_sampled_returns_are_those_of_the_policy_that_acted(hasty: RunFolder) -> None:
     """Without exploration the episodes of step 1 are the meta policy's: within 4 standard errors."""
-    episodes = 5000
+    episodes = 800
     found = adapt(hasty, hasty.case.system("met"), episodes_per_step=episodes, steps=1, seeds=(0, 1, 2))
     mean, variance = moments(meta_policy_of(hasty))
     assert variance > 0.01
@@ -146,14 +147,15 @@ def test_sampled_returns_are_those_of_the_policy_that_acted(hasty: RunFolder) ->
 def test_exploration_shows_in_what_is_sampled_and_not_in_what_is_expected(tmp_path: Path) -> None:
     """All but everything uniform: the sampled mean is that of the uniform policy."""
     run = trained(tmp_path / "run", SMALL.model_copy(update={"exploration": 0.999}), ONE_OF_SIXTEEN)
-    found = adapt(run, run.case.system("met"), episodes_per_step=5000, steps=1)
+    episodes = 1500
+    found = adapt(run, run.case.system("met"), episodes_per_step=episodes, steps=1)
     meta = meta_policy_of(run)
     uniform = np.where(np.arange(END + 1) < END, 0.2, 0.0) * np.ones((len(meta), 1))
     uniform[-1] = meta[-1]
     mean, variance = moments(0.999 * uniform + 0.001 * meta)
     sampled = found.runs[0].curve[1].sampled_return
     assert sampled is not None
-    assert abs(sampled - mean) <= 4 * math.sqrt(variance / 5000)
+    assert abs(sampled - mean) <= 4 * math.sqrt(variance / episodes)
     assert values(found)[0] == pytest.approx(moments(meta)[0], abs=1e-5)
 
 
@@ -218,19 +220,58 @@ def test_a_combination_may_be_met(hasty: RunFolder) -> None:
     assert found.reachable.optimum == pytest.approx(10 - 0.5 * 6)
 
 
+def test_real_episodes_can_be_limited_instead_of_steps(hasty: RunFolder) -> None:
+    found = adapt(hasty, hasty.case.system("met"), episodes_per_step=3, max_episodes=10)
+    assert [row.episodes for row in found.runs[0].curve] == [0, 3, 6, 9]
+
+
+@pytest.fixture(scope="module")
+def on_three(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return trained(tmp_path_factory.mktemp("runs") / "three", SMALL)
+
+
+def test_pretrained_policies_show_their_best_median_and_worst(on_three: RunFolder) -> None:
+    """RQ1-3 meets a cell that can't be entered, (3, 4); its three combinations are one such cell each."""
+    met = encounter(on_three, on_three.case.system("met"))
+    found = spread_of_pretrained(met, steps=3, seeds=(0, 1))
+    assert len(found.values) == 3
+    ranked = list(found.values.values())
+    assert ranked == sorted(ranked, reverse=True)
+    own = met.system.capability.name
+    by_name = {name.split(".")[1]: value for name, value in found.values.items()}
+    # 10 - 0.5 * 8, by a network of four units
+    assert by_name[own] == pytest.approx(OPTIMUM, abs=0.1)
+    names = list(found.values)
+    for place, one in zip((0, 1, 2), found.shown, strict=True):
+        assert one.strategy == f"pretrained:{names[place]}"
+        # not adapted
+        assert {row.expected_return for run in one.runs for row in run.curve} == {ranked[place]}
+    assert list(found.as_dict()["values"]) == names
+
+
+def test_the_oracle_has_no_regret(hasty: RunFolder) -> None:
+    found = adapt(hasty, hasty.case.system("met"), strategy="oracle", steps=3, seeds=(0, 1))
+    for run in found.runs:
+        assert run.episodes_to_within_5_percent == 0
+        assert run.cumulative_regret == pytest.approx(0, abs=1e-9)
+        assert run.sampled_regret == pytest.approx(0, abs=1e-9)  # nothing is random
+
+
 def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> None:
     met = hasty.case.system("met")
     with pytest.raises(InputError, match="no seed"):
         adapt(hasty, met, seeds=())
     with pytest.raises(InputError, match="no strategy 'magic'; allowed: gradient, belief"):
         adapt(hasty, met, strategy="magic")
+    with pytest.raises(InputError, match="'pretrained:all' is one policy for each task"):
+        adapt(hasty, met, strategy="pretrained:all")
     unfinished = begin_run(tmp_path / "run", grid_case(), SMALL)
     with pytest.raises(InputError, match="training has not ended"):
         adapt(unfinished, unfinished.case.system("met"))
 
 
 def test_learning_is_good(tmp_path: Path) -> None:
-    """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck.
+    """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck (here: in 10 steps, of 30 asked for).
 
     The bounds are far away: means of 1.1 to 1.5 steps and 0 of 300 runs stuck were measured, so by
     the rule of three under 1 percent are stuck at 95 percent confidence, and a mean of 3.5 over 20
@@ -241,7 +282,7 @@ def test_learning_is_good(tmp_path: Path) -> None:
     steps: list[int | None] = []
     for seed in TRAINING_SEEDS:
         run = trained(tmp_path / str(seed), TrainingConfig(seed=seed), ONE_OF_SIXTEEN)
-        found = adapt(run, run.case.system("met"), episodes_per_step=35, steps=30, seeds=range(20))
+        found = adapt(run, run.case.system("met"), episodes_per_step=35, steps=10, seeds=range(20))
         steps += [one.steps_to_within_5_percent for one in found.runs]
     reached = [step for step in steps if step is not None]
     assert len(reached) == len(steps) == 40

@@ -146,6 +146,9 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
             "steps_to_within_5_percent",
             "episodes_to_within_5_percent",
             "episodes_to_solved",
+            "first_episode_regret",
+            "cumulative_regret",
+            "sampled_regret",
         ]
         rows = run["curve"]
         assert all(list(row) == ["step", "episodes", "expected_return", "sampled_return"] for row in rows)
@@ -166,11 +169,27 @@ def test_adapt_by_belief_prints_json_alone(finished: RunFolder) -> None:
     assert [run["seed"] for run in found["runs"]] == [1]
 
 
+def test_adapt_shows_the_spread_of_pretrained_policies(finished: RunFolder, tmp_path: Path) -> None:
+    report = tmp_path / "spread.json"
+    done = merap("adapt", finished.path, "--strategy", "pretrained:all", "--steps", "1", "--json", report)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(report.read_text())
+    assert found["strategy"] == "pretrained:all"
+    assert set(found["values"]) == set(finished.names)
+    for part in ("best_policy", "median_policy", "worst_policy"):
+        assert found[part]["strategy"].removeprefix("pretrained:") in finished.names
+        assert found[part]["strategy"] in done.stdout
+    stored = finished.path / "baselines" / "pretrained"
+    assert set(contents(stored)) == {f"{name}.safetensors" for name in finished.names}
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
         (["--seeds", "²"], "expected a:b with whole numbers or one seed, got '²'"),
         (["--system", "mett"], "'mett'"),
+        (["--strategy", "pretrained"], "'pretrained' lacks a combination"),
+        (["--strategy", "pretrained:open.full.goal_r4c5"], "no combination 'open.full.goal_r4c5'"),
     ],
 )
 def test_adapt_refuses_what_there_is_not(

@@ -123,6 +123,33 @@ def test_a_summary_of_runs_that_all_never_got_there_has_no_mean() -> None:
     assert found["never_episodes_to_within_5_percent"] == 1
 
 
+def test_regret_is_what_the_policy_in_use_falls_short_of() -> None:
+    # row 0 acts in the first 35 episodes, row 1 in the next: 35 * 15 + 35 * 9; row 2 has acted in none
+    run = run_of([-9, -3, 5])
+    assert run.first_episode_regret == 15
+    assert run.cumulative_regret == 35 * 15 + 35 * 9
+    # the episodes returned -3 and 5 on average: 35 * 9 + 35 * 1
+    assert run.sampled_regret == 35 * 9 + 35 * 1
+
+
+def test_quantiles_count_those_that_never_got_there_as_longest() -> None:
+    fast, never = run_of([6, 6, 6]), run_of([-9, -9, -9])
+    slow = run_of([-9, 6, 6, 6])
+    found = summary([fast] * 10 + [slow] * 9 + [never])
+    assert found["quantile_50_episodes_to_within_5_percent"] == 0  # the 10th of 20
+    assert found["quantile_95_episodes_to_within_5_percent"] == EPISODES  # the 19th of 20
+    found = summary([fast] * 9 + [slow] * 9 + [never] * 2)
+    assert found["quantile_50_episodes_to_within_5_percent"] == EPISODES
+    assert found["quantile_95_episodes_to_within_5_percent"] is None
+
+
+def test_regrets_are_summed_up() -> None:
+    found = summary([run_of([-9, 6]), run_of([6, 6])])
+    assert (found["mean_first_episode_regret"], found["max_first_episode_regret"]) == (7.5, 15)
+    assert (found["mean_cumulative_regret"], found["max_cumulative_regret"]) == (35 * 7.5, 35 * 15)
+    assert found["mean_sampled_regret"] == 0
+
+
 def test_a_run_as_data() -> None:
     assert as_dict(run_of([-9, 6], seed=7)) == {
         "seed": 7,
@@ -133,4 +160,7 @@ def test_a_run_as_data() -> None:
         "steps_to_within_5_percent": None,
         "episodes_to_within_5_percent": None,
         "episodes_to_solved": None,
+        "first_episode_regret": 15,
+        "cumulative_regret": 35 * 15,
+        "sampled_regret": 0,
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,9 +17,13 @@ from merap.errors import InputError
 
 if TYPE_CHECKING:
     from merap.learning.training import UpdateMetrics
-    from merap.online.adaptation import Adaptation
+    from merap.online.adaptation import Adaptation, Spread
 
 SEED_LIMIT = 2**63
+STRATEGY_HELP = (
+    "gradient, belief, ope, retrieval, joint, oracle or pretrained:<combination>; "
+    "pretrained:all shows the best, the median and the worst of the base."
+)
 SHOWN_STEPS = (0, 1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 
@@ -79,11 +83,11 @@ def train(
 def adapt(
     run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
     system: options.SystemName = "met",
-    strategy: Annotated[
-        str, typer.Option(help="gradient: steps from the meta policy; belief: a posterior over the domain.")
-    ] = "gradient",
-    episodes_per_step: Annotated[int, typer.Option(min=1, help="Real episodes of a gradient step.")] = 35,
-    steps: Annotated[int, typer.Option(min=1, help="Policy updates; of `belief` one each episode.")] = 30,
+    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = "gradient",
+    episodes_per_step: Annotated[
+        int, typer.Option(min=1, help="Real episodes of a step of gradient and ope; others take one.")
+    ] = 35,
+    steps: Annotated[int, typer.Option(min=1, help="Policy updates.")] = 30,
     max_episodes: Annotated[
         int | None, typer.Option(min=1, help="Real episodes at most, in place of --steps.")
     ] = None,
@@ -94,32 +98,36 @@ def adapt(
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
-    """Adapt the meta policy to a system that is met online, and score it against the optimum."""
+    """Adapt to a system that is met online, and score it against the optimum."""
     from merap.learning.run_folder import read_run
     from merap.online import adaptation
+    from merap.online.strategies.registry import ALL, PRETRAINED, episodes_per_update, parse_strategy
 
     require_free_report(json, force=force)
+    spread = parse_strategy(strategy) == (PRETRAINED, ALL)
     if max_episodes is not None:
-        steps = max_episodes // (episodes_per_step if strategy == adaptation.GRADIENT else 1)
+        steps = max_episodes // episodes_per_update(strategy, episodes_per_step)
     opened = read_run(run)
     chosen = _seeds(seeds)
-    met = opened.case.system(system)
+    met = adaptation.encounter(opened, opened.case.system(system), episodes_per_step=episodes_per_step)
+    report: Adaptation | Spread
     with _progress() as bar:
-        job = bar.add_task("Adapting", total=len(chosen) * steps, note="")
-        found = adaptation.adapt(
-            opened,
-            met,
-            strategy=strategy,
-            episodes_per_step=episodes_per_step,
-            steps=steps,
-            seeds=chosen,
-            on_step=lambda: bar.advance(job),
-        )
-    write_json(json, found.as_dict(), force=force)
+        job = bar.add_task("Adapting", total=len(chosen) * steps * (3 if spread else 1), note="")
+
+        def count() -> None:
+            bar.advance(job)
+
+        if spread:
+            report = adaptation.spread_of_pretrained(met, steps=steps, seeds=chosen, on_step=count)
+        else:
+            report = adaptation.adapt_to(met, strategy, steps=steps, seeds=chosen, on_step=count)
+    shown = report.shown if isinstance(report, adaptation.Spread) else (report,)
+    write_json(json, report.as_dict(), force=force)
     if out is not None:
-        _draw(found, met, out, force=force)
+        _draw(shown, met.system, out, force=force)
     if str(json) != "-":
-        _show(found)
+        for found in shown:
+            _show(found)
 
 
 def _seeds(text: str) -> range:
@@ -136,6 +144,7 @@ def _seeds(text: str) -> range:
 
 def _show(found: Adaptation) -> None:
     """The mean curve at some steps, then the scores."""
+    say(f"{found.strategy}, {len(found.runs)} seeds")
     curves = [run.curve for run in found.runs]
     rows = []
     for step in [step for step in SHOWN_STEPS if step < len(curves[0])]:
@@ -151,15 +160,25 @@ def _show(found: Adaptation) -> None:
         f"({number(scores['mean_episodes_to_within_5_percent'], 3)} episodes); "
         f"never: {scores['never_steps_to_within_5_percent']} of {scores['runs']} runs"
     )
+    half, most = (
+        number(scores[f"quantile_{percent}_episodes_to_within_5_percent"], 3) for percent in (50, 95)
+    )
+    say(f"half of the runs within {half} episodes, 95 percent within {most}")
+    first, total, sampled = (
+        number(scores[f"mean_{kind}_regret"], 4) for kind in ("first_episode", "cumulative", "sampled")
+    )
+    say(f"regret: {first} in the first episode, {total} in all; what the episodes really lost: {sampled}")
 
 
-def _draw(found: Adaptation, met: Any, folder: Path, *, force: bool) -> None:
+def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -> None:
+    """The curves of all, and the map of the first."""
     from merap.report.curves import draw_adaptation
     from merap.report.map import draw_before_after
     from merap.report.path import most_likely_path
     from merap.report.saving import save_figure
 
-    curves = {found.strategy: [[row.expected_return for row in run.curve] for run in found.runs]}
+    found = shown[0]
+    curves = {one.strategy: [[row.expected_return for row in run.curve] for run in one.runs] for one in shown}
     title = f"Adaptation to {found.system}"
     optimum, worst = found.reachable.optimum, found.reachable.worst
     paths = [

@@ -22,7 +22,13 @@ from safetensors.torch import save
 
 from merap.base.folder import write_bytes
 from merap.errors import InputError
-from merap.learning.policy import Parameters, PolicyNetwork, initial_parameters, policy_table, stack_parameters
+from merap.learning.policy import (
+    Parameters,
+    PolicyNetwork,
+    initial_parameters,
+    policy_table,
+    stack_parameters,
+)
 from merap.learning.run_folder import RunFolder
 from merap.learning.tasks import TaskBatch
 from merap.mdp.model import Floats

@@ -155,16 +155,21 @@ class GradientStrategy:
 
     def _sampled(self) -> Episodes:
         """The episodes side by side, padded to the longest."""
-        shape = (1, len(self._episodes), max(map(len, self._episodes)))
-        state, action = torch.zeros(shape, dtype=torch.int64), torch.zeros(shape, dtype=torch.int64)
-        reward = torch.zeros(shape, dtype=self._meta.variance.dtype)
-        active = torch.zeros(shape, dtype=torch.bool)
-        for number, steps in enumerate(self._episodes):
-            state[0, number, : len(steps)] = torch.tensor([step.state for step in steps])
-            action[0, number, : len(steps)] = torch.tensor([step.action for step in steps])
-            reward[0, number, : len(steps)] = torch.tensor([step.reward for step in steps])
-            active[0, number, : len(steps)] = True
-        return Episodes(state, action, reward, active)
+        steps = [step for episode in self._episodes for step in episode]
+        lengths = np.array([len(episode) for episode in self._episodes])
+        active = np.arange(lengths.max()) < lengths[:, np.newaxis]
+
+        def padded(values: list[int] | list[float], dtype: torch.dtype) -> Tensor:
+            table = torch.zeros(active.shape, dtype=dtype)
+            table[torch.from_numpy(active)] = torch.tensor(values, dtype=dtype)
+            return table.unsqueeze(0)
+
+        return Episodes(
+            state=padded([step.state for step in steps], torch.int64),
+            action=padded([step.action for step in steps], torch.int64),
+            reward=padded([step.reward for step in steps], self._meta.variance.dtype),
+            active=torch.from_numpy(active).unsqueeze(0),
+        )
 
 
 def _rows(table: Tensor) -> Floats:

@@ -188,3 +188,8 @@ def parse_strategy(name: str) -> tuple[str, str]:
     if kind != PRETRAINED and colon:
         raise InputError(f"the strategy {kind!r} takes no argument, got {name!r}")
     return kind, argument
+
+
+def episodes_per_update(name: str, episodes_per_step: int) -> int:
+    """How many real episodes a policy update of a strategy takes."""
+    return episodes_per_step if parse_strategy(name)[0] in STEPPING else 1

@@ -133,9 +133,9 @@ class RetrievalStrategy:
 
     def _fit_of_steps(self) -> Floats:
         """float64 [N], log-likelihood of the steps since the last update."""
-        state = np.array([step.state for step in self._steps])
-        action = np.array([step.action for step in self._steps])
-        target = np.array([step.target for step in self._steps])
+        state = np.array([step.state for step in self._steps], dtype=np.int64)
+        action = np.array([step.action for step in self._steps], dtype=np.int64)
+        target = np.array([step.target for step in self._steps], dtype=np.int64)
         reward = np.array([step.reward for step in self._steps])
         arrives = self._target[:, state, action] == target[:, np.newaxis]
         off = (self._reward[:, state, action] - reward[:, np.newaxis]) / self._deviation

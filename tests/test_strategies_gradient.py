@@ -1,4 +1,4 @@
-"""The strategy `gradient` sees a system through reset and step alone."""
+"""The strategies `gradient` and `ope` see a system through reset and step alone."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from merap.learning.rollout import Episodes
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import train
 from merap.mdp.model import TabularMDP
-from merap.online.gradient_strategy import GradientStrategy
 from merap.online.running import adapted, evaluator, executed, reachable_range
+from merap.online.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
 from tests.learning_examples import RING_DISCOUNT, RING_HORIZON, ring_models, seeded
@@ -150,7 +150,7 @@ def test_it_adapts(seed: int) -> None:
     met = grid_task((2, 1))
     model = grid_model(met)
     strategy = GradientStrategy(meta, model.valuations, 20, np.random.default_rng(seed))
-    assert strategy.explain() == ("the meta policy as it was trained; no episode yet",)
+    assert strategy.explain() == ("the meta policy as before any episode",)
     run = adapted(
         seed,
         SimulatedSystem(model, HORIZON, np.random.default_rng([seed, 1])),
@@ -165,6 +165,45 @@ def test_it_adapts(seed: int) -> None:
     steps, returns = strategy.explain()
     assert steps == "12 gradient steps from the meta policy"
     assert "20 episodes" in returns
+
+
+def test_ope_begins_with_nothing_that_was_learned() -> None:
+    model = grid_model(grid_task((1, 1)))
+    meta = meta_policy(task_batch([model], HORIZON, DISCOUNT), 0, 0.1)
+    start = untrained(meta, np.random.default_rng(0))
+    again, other = untrained(meta, np.random.default_rng(0)), untrained(meta, np.random.default_rng(1))
+    assert (start.network, start.rule) == (meta.network, meta.rule)
+    for name, value in start.parameters.items():
+        assert value.shape == meta.parameters[name].shape
+        assert (start.step_sizes[name] == STEP_SIZE).all()
+        assert torch.equal(value, again.parameters[name])
+    weight = start.parameters["layer0.weight"]
+    assert not torch.equal(weight, meta.parameters["layer0.weight"])
+    assert not torch.equal(weight, other.parameters["layer0.weight"])
+
+
+def test_ope_keeps_a_running_variance_of_its_own() -> None:
+    """Two updates by hand: the first knows no variance, the second that of the first."""
+    model = ring_models()[0]
+    tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
+    meta = meta_policy(tasks, 0, 0.0)
+    strategy = GradientStrategy(meta, model.valuations, 4, np.random.default_rng(0), trained=False)
+    system = Recorder(model, RING_HORIZON, 0)
+    limits = evaluator(model, RING_HORIZON), reachable_range(model, RING_HORIZON)
+    adapted(0, system, strategy, *limits, max_episodes=8)
+    parameters, variance = stack_parameters(meta.parameters, 1), None
+    for recorded in (system.episodes[:4], system.episodes[4:]):
+        episodes = as_episodes(recorded, RING_HORIZON)
+        stepped = sampled_step(
+            meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, variance
+        )
+        parameters, variance = stepped.parameters, stepped.variance.mean()
+    with torch.no_grad():
+        expected = policy_table(meta.network, parameters, tasks.enabled)[0].double().numpy()
+    found = executed(model, strategy.policy())[:, :-1]
+    reached = model.reachable & ~model.labels["done"]
+    np.testing.assert_allclose(found[reached], expected[reached], atol=1e-5)
+    assert strategy.explain()[0] == "2 gradient steps from random parameters"
 
 
 def test_a_state_that_the_case_lacks_is_refused() -> None:
