@@ -102,20 +102,22 @@ def enumerated(case: CaseStudy, space: HypothesisSpace, seen: list[Seen]) -> Flo
 def test_weights_outside_the_base_are_those_of_every_set_of_closed_cells(tmp_path: Path, seed: int) -> None:
     case = load_case(write_case(tmp_path, STRIP))
     seen = trajectory(case.system("met"), 14, NOISE, np.random.default_rng(seed))
-    space = hypothesis_space(case, Outside(slips=(0.2,), closed=0.15), noise=NOISE)
+    space = hypothesis_space(case, Outside(slips=(0.2,), odds=(), closed=0.15), noise=NOISE)
     found = joint(space, inferred(case, space, seen))
     np.testing.assert_allclose(found, enumerated(case, space, seen), atol=1e-9)
 
 
 def test_the_prior_is_what_is_declared(tmp_path: Path) -> None:
     case = load_case(write_case(tmp_path, STRIP))
-    declared = Outside(environment=0.1, capability=0.2, objective=0.3, slip=0.4)
+    declared = Outside(environment=0.1, capability=0.2, objective=0.3, slip=0.4, outcomes=0.2)
     space = hypothesis_space(case, declared)
     environment, capability, objective = concern_weights(space, prior_belief(space))
     np.testing.assert_allclose(environment, [0.45, 0.45, 0.1])
     np.testing.assert_allclose(capability, [0.4, 0.4, 0.2])
     np.testing.assert_allclose(objective, [0.35, 0.35, *[0.075] * 4])
-    np.testing.assert_allclose(weights(prior_belief(space))[0].sum(axis=(0, 1)), [0.6, *[0.1] * 4])
+    np.testing.assert_allclose(
+        weights(prior_belief(space))[0].sum(axis=(0, 1)), [0.4, *[0.1] * 4, *[0.05] * 4]
+    )
 
 
 def test_support_of_the_paper_is_kept_whole() -> None:
@@ -190,7 +192,17 @@ def test_detections_that_can_not_be_read_are_refused(detections: dict[str, objec
         observe_detections(space, prior_belief(space), detections)
 
 
-@pytest.mark.parametrize("wrong", [{"environment": 0.0}, {"slip": 1.0}, {"slips": ()}, {"slips": (1.0,)}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"environment": 0.0},
+        {"slip": 1.0},
+        {"slips": ()},
+        {"slips": (1.0,)},
+        {"odds": (0.0,)},
+        {"slip": 0.5, "outcomes": 0.5},
+    ],
+)
 def test_a_prior_that_is_none_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InputError):
         Outside(**wrong)  # type: ignore[arg-type]

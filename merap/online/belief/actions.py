@@ -5,7 +5,8 @@ classes: the environment's attributes, the capability's actions, and nothing els
 per action answers for every combination, whose models are never built.
 
 Axes: P locations, Q modes, S = P * Q states, U attribute classes, V capability classes,
-R = 2^k patterns of an action's k moves (bit j is set if move j is open), K slots. Slot 0 stays.
+G disturbances of the outcome probabilities, R = 2^k patterns of an action's k moves (bit j is set if
+move j is open), K slots. Slot 0 stays.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class ActionTable:
     Attributes:
         moves: k edge labels that it can go along.
         target: int64 [S, K], the state a slot leads to; the state itself where it leads nowhere.
-        prob: float64 [U, V, S, R, K], sums to 1 where the action is enabled, else to 0.
+        prob: float64 [U, V, G, S, R, K], sums to 1 where the action is enabled, else to 0.
         enabled: bool [V, S, R].
     """
 
@@ -50,7 +51,7 @@ class ActionTable:
 
 
 def action_tables(combinations: Sequence[Sequence[Combination]]) -> tuple[ActionTable, ...]:
-    """A table for each declared action.
+    """A table for each declared action, without disturbance (G = 1).
 
     Args:
         combinations: [U][V], one combination for every attribute and capability class.
@@ -94,7 +95,7 @@ def _external_table(
         enabled[v] = _enabled(combinations[0][v].capability, action, moves, mode, num_modes)
         for u, row in enumerate(combinations):
             prob[u, v] = _outcomes(row[v], action, moves, ends, mode) * enabled[v][..., np.newaxis]
-    return ActionTable(moves, ends * num_modes + mode[:, np.newaxis], prob, enabled)
+    return ActionTable(moves, ends * num_modes + mode[:, np.newaxis], prob[:, :, np.newaxis], enabled)
 
 
 def _along(target: Ints, here: Ints) -> Ints:
@@ -160,7 +161,8 @@ def _innate_table(combinations: Sequence[Sequence[Combination]], name: str) -> A
     same = (np.arange(len(rows))[:, np.newaxis], states, 1 + mode)
     prob[..., 0], prob[same] = prob[same], 0.0
     enabled = prob.sum(axis=2) > 0
-    repeated = np.broadcast_to(prob[:, :, np.newaxis], (len(combinations), *prob.shape[:2], 1, 1 + num_modes))
+    shape = (len(combinations), len(rows), 1, len(states), 1, 1 + num_modes)
+    repeated = np.broadcast_to(prob[:, np.newaxis, :, np.newaxis], shape)
     return ActionTable((), target, np.ascontiguousarray(repeated), enabled[..., np.newaxis])
 
 

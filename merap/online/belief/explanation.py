@@ -9,6 +9,7 @@ import numpy as np
 
 from merap.mdp.model import Floats
 from merap.online.belief.cells import closed_probability
+from merap.online.belief.equivalence import EquivalenceClass, Indistinct, alike_for_good, alike_so_far
 from merap.online.belief.posterior import Belief, concern_weights, weights
 from merap.online.belief.space import HypothesisSpace
 from merap.online.belief.update import family
@@ -16,19 +17,8 @@ from merap.online.belief.update import family
 SHOWN = 3
 LEFT = 1e-3
 SUSPECTED = 0.5
-
-
-@dataclass(frozen=True)
-class DynamicsClass:
-    """Environments and capabilities that no observation of the system can tell apart.
-
-    Attributes:
-        weight: of all of them together.
-        members: `<environment>.<capability>`, the heaviest first.
-    """
-
-    weight: float
-    members: tuple[str, ...]
+# Weights below are not worth a word.
+SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,11 +30,13 @@ class Summary:
         capability: likewise.
         objective: likewise.
         left: how many of each are left, by a weight above 0.001.
-        outside: environment, capability, objective, slip -> weight outside the base.
+        outside: environment, capability, objective, slip, outcomes -> weight outside the base.
         closed: locations suspected to be closed in a way no configuration says.
         slip: expected probability that an action does nothing.
         noise: expected standard deviation of the noise on rewards.
-        classes: the heaviest observational equivalence classes of the dynamics.
+        outcomes: the heaviest kinds of outcomes (as the base says, a slip, other odds).
+        alike_so_far: the heaviest classes of hypotheses that nothing seen so far tells apart.
+        alike_for_good: the heaviest classes that no observation can ever tell apart.
     """
 
     environment: tuple[tuple[str, float], ...]
@@ -55,14 +47,17 @@ class Summary:
     closed: tuple[tuple[str, float], ...]
     slip: float
     noise: float
-    classes: tuple[DynamicsClass, ...]
+    outcomes: tuple[tuple[str, float], ...]
+    alike_so_far: Indistinct
+    alike_for_good: Indistinct
 
 
 def summarise(space: HypothesisSpace, belief: Belief) -> Summary:
     """The belief in numbers."""
     environment, capability, objective = concern_weights(space, belief)
     dynamics, noisy = weights(belief)
-    slips = dynamics.sum(axis=(0, 1))
+    kinds = dynamics.sum(axis=(0, 1))
+    slipping = space.slips > 0
     num_capabilities = len(capability) - int(space.capability_class[-1]) - 1
     return Summary(
         environment=_heaviest(space.environment_names, environment),
@@ -77,14 +72,17 @@ def summarise(space: HypothesisSpace, belief: Belief) -> Summary:
             "environment": float(environment[-1]),
             "capability": float(capability[num_capabilities:].sum()),
             "objective": float(objective[space.num_objectives :].sum()),
-            "slip": float(slips[1:].sum()),
+            "slip": float(kinds[slipping].sum()),
+            "outcomes": float(kinds[1:].sum() - kinds[slipping].sum()),
         },
         closed=_suspected(space, belief, dynamics),
-        slip=float(slips @ space.slips),
+        slip=float(kinds @ space.slips),
         noise=float(noisy.sum(axis=0)[1:] @ space.noises[1:])
         if len(space.noises) > 1
         else float(space.noises[0]),
-        classes=equivalence_classes(space, belief),
+        outcomes=_heaviest(space.outcome_names, kinds),
+        alike_so_far=alike_so_far(space, belief, SHOWN),
+        alike_for_good=alike_for_good(space, belief, SHOWN),
     )
 
 
@@ -107,41 +105,8 @@ def _suspected(space: HypothesisSpace, belief: Belief, dynamics: Floats) -> tupl
     )
 
 
-def equivalence_classes(space: HypothesisSpace, belief: Belief) -> tuple[DynamicsClass, ...]:
-    """The heaviest classes of (environment, capability) with equal moves and outcomes.
-
-    An obstacle and a location that may not be entered act alike; a detector of obstacles tells
-    them apart, and then they are no class.
-    """
-    dynamics, _ = weights(belief)
-    mass = dynamics.sum(axis=2)
-    leading = [divmod(int(flat), mass.shape[1]) for flat in np.argsort(-mass, axis=None)[:100]]
-    groups: dict[object, list[tuple[str, float]]] = {}
-    for row, column in leading:
-        if mass[row, column] > LEFT:
-            name = f"{space.environment_names[belief.environments[row]]}.{space.capability_names[column]}"
-            groups.setdefault(_appearance(space, belief, row, column), []).append(
-                (name, float(mass[row, column]))
-            )
-    classes = [
-        DynamicsClass(sum(w for _, w in group), tuple(name for name, _ in group)) for group in groups.values()
-    ]
-    return tuple(sorted(classes, key=lambda one: -one.weight)[:SHOWN])
-
-
-def _appearance(space: HypothesisSpace, belief: Belief, row: int, column: int) -> object:
-    """Equal for hypotheses that act alike."""
-    environment = belief.environments[row]
-    blocked, no_entry = space.blocked[environment], space.no_entry[column]
-    seen = blocked.tobytes() if any(one.of == "blocked" for one in space.space.detectors) else b""
-    edges = b"" if space.blocked_edges is None else space.blocked_edges[environment].tobytes()
-    unknown = bool(family(space, belief)[row, column])
-    classes = (int(space.attribute_class[environment]), int(space.capability_class[column]))
-    return (blocked | no_entry).tobytes(), edges, seen, unknown, classes
-
-
-def explain(space: HypothesisSpace, belief: Belief, reason: str) -> tuple[str, str]:
-    """What is left, and what is suspected outside the base."""
+def explain(space: HypothesisSpace, belief: Belief, reason: str) -> tuple[str, ...]:
+    """What is left, what is suspected outside the base, and what cannot be told apart."""
     found = summarise(space, belief)
     concerns = "; ".join(
         f"{concern} {_listed(getattr(found, concern))} ({found.left[concern]} left)"
@@ -149,15 +114,25 @@ def explain(space: HypothesisSpace, belief: Belief, reason: str) -> tuple[str, s
     )
     outside = ", ".join(f"{kind} {mass:.2g}" for kind, mass in found.outside.items())
     closed = ", ".join(f"{name} {mass:.2f}" for name, mass in found.closed) or "none"
-    alike = next((one for one in found.classes if len(one.members) > 1), None)
-    same = f"; not distinguishable: {' = '.join(alike.members[:SHOWN])}" if alike else ""
     unexplained = f"; {belief.unexplained} observations unexplained" if belief.unexplained else ""
     return (
         f"{reason}; {concerns}",
-        f"outside the base: {outside}; closed: {closed}; slip {found.slip:.2f}; noise {found.noise:.2g}"
-        f"{same}{unexplained}",
+        f"outside the base: {outside}; closed: {closed}; outcomes: {_listed(found.outcomes)}; "
+        f"noise {found.noise:.2g}{unexplained}",
+        f"not told apart so far: {_indistinct(found.alike_so_far)}",
+        f"never to be told apart: {_indistinct(found.alike_for_good)}",
     )
 
 
+def _indistinct(alike: Indistinct) -> str:
+    classes = [one for one in (*alike.dynamics, *alike.objective) if one.size > 1 and one.weight >= SHARE]
+    return "; ".join(_described(one) for one in classes) or "nothing"
+
+
+def _described(alike: EquivalenceClass) -> str:
+    more = ", .." if alike.size > SHOWN else ""
+    return f"{alike.size} with weight {alike.weight:.2f} ({', '.join(alike.members[:SHOWN])}{more})"
+
+
 def _listed(pairs: Sequence[tuple[str, float]]) -> str:
-    return ", ".join(f"{name} {mass:.2f}" for name, mass in pairs if mass >= 0.01)
+    return ", ".join(f"{name} {mass:.2f}" for name, mass in pairs if mass >= SHARE)

@@ -152,25 +152,29 @@ def _transitions(space: HypothesisSpace, total: Floats, is_open: Floats) -> tupl
     """Probabilities [A, S, K] and what is possible [A, S]."""
     num_slots = max(table.target.shape[1] for table in space.actions)
     prob = np.zeros((len(space.actions), space.num_states, num_slots))
+    kinds = np.flatnonzero(total.sum(axis=(0, 1)) > CERTAIN)
+    total, is_open = total[:, :, kinds], is_open[:, :, kinds]
     share = is_open / np.maximum(total, 1e-300)[..., np.newaxis, np.newaxis]
     for number, table in enumerate(space.actions):
-        prob[number, :, : table.target.shape[1]] = _mean_slots(space, table, total, share)
+        prob[number, :, : table.target.shape[1]] = _mean_slots(space, table, total, share, kinds)
     possible = prob.sum(axis=2)
     prob[:, :, 0] += np.maximum(1 - possible, 0)
     return prob, possible > POSSIBLE
 
 
-def _mean_slots(space: HypothesisSpace, table: ActionTable, total: Floats, share: Floats) -> Floats:
-    """float64 [S, K], from the share of open moves [U, V, W, P, L]."""
+def _mean_slots(
+    space: HypothesisSpace, table: ActionTable, total: Floats, share: Floats, kinds: Ints
+) -> Floats:
+    """float64 [S, K], from the share of open moves [U, V, W, P, L] under some kinds of outcomes."""
     pattern = total[..., np.newaxis, np.newaxis] * np.ones((share.shape[3], 1))  # [U, V, W, P, R]
     for move in table.moves:
         now_open = share[..., move, np.newaxis]
         pattern = np.concatenate([pattern * (1 - now_open), pattern * now_open], axis=-1)
     if space.num_modes > 1:
         pattern = np.repeat(pattern, space.num_modes, axis=3)
-    works = np.tensordot(pattern, 1 - space.slips, (2, 0))  # [U, V, S, R]
-    slips = np.tensordot(pattern, space.slips, (2, 0))
-    slots: Floats = (works[..., np.newaxis] * table.prob).sum(axis=(0, 1, 3))
+    works = pattern * (1 - space.slips[kinds])[:, np.newaxis, np.newaxis]
+    slips = np.tensordot(pattern, space.slips[kinds], (2, 0))  # [U, V, S, R]
+    slots: Floats = np.einsum("uvwsr,uvwsrk->sk", works, table.prob[:, :, space.disturbance[kinds]])
     slots[:, 0] += (slips * table.enabled).sum(axis=(0, 1, 3))
     return slots
 

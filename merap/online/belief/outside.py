@@ -26,27 +26,37 @@ class Outside:
         environment: obstacles at any location.
         capability: no entry at any location.
         objective: the goal at any location.
-        slip: actions that fail more often than the base says.
+        slip: actions that do nothing more often than the base says.
+        outcomes: outcome probabilities that no capability of the base has.
         closed: probability that a location is closed under the first two kinds; None: as
             many locations as the support closes on average, at least one.
-        slips: probabilities of an action to fail, equally likely.
+        slips: probabilities of an action to do nothing, equally likely.
+        odds: factors on the odds of outcomes, equally likely.
     """
 
     environment: float = 0.05
     capability: float = 0.05
     objective: float = 0.05
     slip: float = 0.05
+    outcomes: float = 0.05
     closed: float | None = None
     slips: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4)
+    odds: tuple[float, ...] = (0.1, 0.3, 3.0, 10.0)
 
     def __post_init__(self) -> None:
-        for name in ("environment", "capability", "objective", "slip"):
+        for name in ("environment", "capability", "objective", "slip", "outcomes"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(
                     f"the mass outside the base must be in (0, 1), {name} has {getattr(self, name)}"
                 )
         if not self.slips or not all(0 < slip < 1 for slip in self.slips):
             raise InputError(f"slips must be probabilities in (0, 1), not {self.slips}")
+        if self.slip + self.outcomes >= 1:
+            raise InputError(
+                f"slip and outcomes must leave mass to the base, {self.slip} and {self.outcomes} do not"
+            )
+        if not all(0 < factor < np.inf for factor in self.odds):
+            raise InputError(f"odds must be positive factors, not {self.odds}")
 
 
 def split(inside: int, outside: int, mass: float) -> Floats:
@@ -58,6 +68,15 @@ def split(inside: int, outside: int, mass: float) -> Floats:
     if outside == 0:
         return np.full(inside, 1 / inside)
     return np.concatenate([np.full(inside, (1 - mass) / inside), np.full(outside, mass / outside)])
+
+
+def outcome_shares(declared: Outside, num_disturbances: int) -> Floats:
+    """The prior of outcomes as the base says, of each slip, and of each disturbance."""
+    slip = declared.slip / len(declared.slips)
+    disturbed = declared.outcomes / num_disturbances if num_disturbances else 0.0
+    shares = np.array([0.0, *[slip] * len(declared.slips), *[disturbed] * num_disturbances])
+    shares[0] = 1 - shares.sum()
+    return shares
 
 
 def closed_share(declared: Outside, blocked: Bools, no_entry: Bools) -> float:

@@ -5,6 +5,7 @@ Axes as in `space`; T steps that remain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,30 @@ class Plan:
     ranked: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What became of the plan on the mean.
+
+    Attributes:
+        policy: float64 [S, A] without the completed state, better than the plan; None: the plan is kept.
+        plan_value: exact mean return of the plan over models of the belief.
+        refined_value: likewise of the other policy; None: none could gain on the plan.
+    """
+
+    policy: Floats | None
+    plan_value: float
+    refined_value: float | None
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+        worth = f"the plan on the mean is worth {self.plan_value:.3g} over the models of the belief"
+        if self.refined_value is None:
+            return f"{worth} and none can gain on it: the plan is kept"
+        chosen = "the plan is kept" if self.policy is None else "that is taken"
+        return f"{worth}, the meta policy after exact gradient steps {self.refined_value:.3g}: {chosen}"
+
+
 def plan(model: DomainModel, horizon: int, extra: Floats | None = None, ties: Floats | None = None) -> Plan:
     """Backward induction.
 
@@ -58,6 +83,33 @@ def plan(model: DomainModel, horizon: int, extra: Floats | None = None, ties: Fl
         values[t] = np.where(possible, ranked[t].max(axis=0), 0.0)
     preferred = ranked if ties is None else ranked + ties
     return Plan(values, preferred.argmax(axis=1), preferred.transpose(0, 2, 1))
+
+
+def policy_values(models: Sequence[DomainModel], policy: Floats, start: Floats) -> Floats:
+    """The exact expected returns of a policy.
+
+    Args:
+        models: N of one case.
+        policy: float64 [T, S, A]; zero where an action is not possible, the rest in proportion,
+            uniform where nothing is left.
+        start: float64 [S].
+
+    Returns:
+        float64 [N].
+    """
+    target, enabled = models[0].target, np.stack([model.enabled.T for model in models])  # [N, S, A]
+    prob = np.stack([model.prob for model in models])  # [N, A, S, K]
+    expected = np.einsum("nask,nask->nsa", prob, np.stack([model.reward for model in models]))
+    onward = prob * np.stack([model.continuation for model in models])
+    values = np.zeros(enabled.shape[:2])
+    for shares in policy[::-1]:
+        share = shares * enabled
+        share = np.where(share.sum(axis=2, keepdims=True) > 0, share, enabled)
+        share = share / np.maximum(share.sum(axis=2, keepdims=True), 1e-300)
+        of_actions = expected + np.einsum("nask,nask->nsa", onward, values[:, target])
+        values = (share * of_actions).sum(axis=2)
+    returns: Floats = values @ start
+    return returns
 
 
 def objective_information(space: HypothesisSpace, belief: Belief, model: DomainModel) -> Floats:

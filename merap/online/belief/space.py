@@ -2,12 +2,12 @@
 
 Environment: N of the support and, last, one with unknown obstacles. Capability: M of the support
 and, last, for each of V capability classes (equal but for `no_entry`) one with unknown places it
-can't enter. Both unknowns are independent location by location (`cells`). Slip: with
-probability w an action does nothing at all. Objective: K of the support, and the
-same with the goal at any other location.
+can't enter. Both unknowns are independent location by location (`cells`). Outcomes: as the base says, or
+with probability w an action does nothing at all (a slip), or other probabilities than any capability has
+(`disturbances`). Objective: K of the support, and the same with the goal at any other location.
 
-Axes: E = N + 1 environments, C = M + V capabilities, W slips, O objectives, Y noises, A actions, P, S, U, V
-and K as in `actions`.
+Axes: E = N + 1 environments, C = M + V capabilities, W kinds of outcomes, O objectives, Y noises, A actions,
+P, S, U, V, G and K as in `actions`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,16 @@ from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
-from merap.online.belief.actions import ActionTable, action_tables
-from merap.online.belief.outside import Outside, closed_share, other_goals, split, unknown_capabilities
+from merap.online.belief.actions import ActionTable
+from merap.online.belief.disturbances import disturbances, stacked
+from merap.online.belief.outside import (
+    Outside,
+    closed_share,
+    other_goals,
+    outcome_shares,
+    split,
+    unknown_capabilities,
+)
 
 MAX_TABLE = 100_000_000
 MAX_OUTCOMES = 64
@@ -55,7 +63,9 @@ class HypothesisSpace:
         attribute_class: int64 [E], in 0..U - 1.
         capability_class: int64 [C], in 0..V - 1.
         attributes: float64 [U, number of attributes, P].
+        outcome_names: W names; the first is what the base says.
         slips: float64 [W], the first is 0.
+        disturbance: int64 [W], in 0..G - 1; 0 where there is a slip.
         actions: a table for each of A actions.
         reward: float64 [U, O, A, S, K], 0 in slots an action does not have.
         ends: bool [U, O, A, S, K], the step completes the task.
@@ -81,7 +91,9 @@ class HypothesisSpace:
     attribute_class: Ints
     capability_class: Ints
     attributes: Floats
+    outcome_names: tuple[str, ...]
     slips: Floats
+    disturbance: Ints
     actions: tuple[ActionTable, ...]
     reward: Floats
     ends: Bools
@@ -101,6 +113,11 @@ class HypothesisSpace:
     def num_states(self) -> int:
         """S, without the completed state."""
         return len(self.valuations) - 1
+
+    @property
+    def sees_obstacles(self) -> bool:
+        """Whether the system has a detector of obstacles."""
+        return any(one.of == "blocked" for one in self.space.detectors)
 
     @cached_property
     def outcome_codes(self) -> Ints:
@@ -132,7 +149,8 @@ def hypothesis_space(
         [repr((one.external, one.innate)) for one in capabilities]
     )
     representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
-    tables = action_tables(representatives)
+    disturbed = disturbances(case, capability_members, representatives, declared.odds)
+    tables = stacked(disturbed)
     base = list(supports.objective)
     objectives = [*base, *other_goals(case)]
     blocked = np.stack([*(one.blocked for one in environments), np.zeros(case.space.num_locations, np.bool_)])
@@ -162,7 +180,13 @@ def hypothesis_space(
         attributes=np.stack(
             [np.array([one.values for one in row[0].environment.attributes]) for row in representatives]
         ),
-        slips=np.array((0.0, *declared.slips)),
+        outcome_names=(
+            disturbed[0].name,
+            *(f"slip {slip:g}" for slip in declared.slips),
+            *(one.name for one in disturbed[1:]),
+        ),
+        slips=np.array((0.0, *declared.slips, *[0.0] * (len(disturbed) - 1))),
+        disturbance=np.array((0, *[0] * len(declared.slips), *range(1, len(disturbed)))),
         actions=tables,
         reward=reward,
         ends=ends,
@@ -172,7 +196,7 @@ def hypothesis_space(
         prior=_prior(
             split(len(environments), 1, declared.environment),
             split(len(capabilities), len(capability_members), declared.capability),
-            split(1, len(declared.slips), declared.slip),
+            outcome_shares(declared, len(disturbed) - 1),
         ),
         objective_prior=np.log(split(len(base), len(objectives) - len(base), declared.objective)),
         initial=_initial(representatives[0][0]),

@@ -14,7 +14,14 @@ import numpy as np
 from merap.mdp.model import Bools, Floats
 from merap.online.belief.explanation import explain
 from merap.online.belief.model import DomainModel, mean_and_hope, sampled_model
-from merap.online.belief.planning import IMPOSSIBLE, Plan, information_price, objective_information, plan
+from merap.online.belief.planning import (
+    IMPOSSIBLE,
+    Plan,
+    Refined,
+    information_price,
+    objective_information,
+    plan,
+)
 from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.space import HypothesisSpace
 from merap.online.belief.testing import Trial, trial
@@ -29,8 +36,8 @@ from merap.online.strategy import StateIndex, best_allowed
 from merap.online.systems import Observation
 
 Exploration = Literal["information", "mean", "thompson"]
-# A policy [T, S, A] (S without the completed state) from the mean model and the plan on it.
-Planner = Callable[[Belief, DomainModel, Plan], Floats]
+# From the belief, the plan on its mean, the same as a policy [T, S, A], and the start [S].
+Refiner = Callable[[Belief, Plan, Floats, Floats], Refined]
 TIES = 1e-9
 WORTH_REPLANNING = 1e-3
 # Per nat, in units of the range of rewards.
@@ -66,7 +73,8 @@ class BeliefStrategy:
         horizon: T.
         generator: of samples, and of preferences among equally good actions.
         settings: how it explores.
-        planner: makes the policy that would act if learning stopped; None: the best plan on the mean.
+        refine: looks for a better policy than the plan on the mean, to act if learning stopped; None:
+            the plan is kept.
     """
 
     episodes_per_update = 1
@@ -77,13 +85,14 @@ class BeliefStrategy:
         horizon: int,
         generator: np.random.Generator,
         settings: BeliefSettings | None = None,
-        planner: Planner | None = None,
+        refine: Refiner | None = None,
     ) -> None:
         self._space = space
         self._horizon = horizon
         self._generator = generator
         self._settings = settings or BeliefSettings()
-        self._planner = planner
+        self._refine = refine
+        self._refined: Refined | None = None
         self._index = StateIndex(space.valuations)
         scale = TIES * (float(np.ptp(space.reward)) or 1.0)
         self._ties = scale * generator.random((len(space.actions), space.num_states))
@@ -174,15 +183,20 @@ class BeliefStrategy:
         if self._settings.exploration == "information":
             price = information_price(self._space, self.belief, self._model, self._plan, self._start)
             self._price = self._settings.information_ahead * price
+        if self._refine is not None:
+            self._refined = self._refine(self.belief, self._plan, self._planned(), self._start)
 
     def policy(self) -> Floats:
-        """float64 [T, S, A]: the best plan on the mean model, or what the planner makes of it."""
-        if self._planner is not None:
-            table = self._planner(self.belief, self._model, self._plan)
-        else:
-            table = _by_rank(self._plan.ranked) if self._lexicographic else _best(self._plan)
+        """float64 [T, S, A]: the best plan on the mean model, or the refined meta policy."""
+        table = self._planned()
+        if self._refined is not None and self._refined.policy is not None:
+            table = np.repeat(self._refined.policy[np.newaxis], len(table), axis=0)
         completed = np.full((len(table), 1, table.shape[2]), 1 / table.shape[2])
         return np.concatenate([table, completed], axis=1)
+
+    def _planned(self) -> Floats:
+        """float64 [T, S, A] without the completed state."""
+        return _by_rank(self._plan.ranked) if self._lexicographic else _best(self._plan)
 
     def explain(self) -> tuple[str, ...]:
         """What is believed, and what that means for the next episode."""
@@ -195,7 +209,8 @@ class BeliefStrategy:
         if self._tried is not None:
             chance, gain = self._tried.chance, self._tried.gain
             reason += f"; tried what was held open with probability {chance:.2g}, for a gain of {gain:.2g}"
-        return explain(self._space, self.belief, reason)
+        lines = explain(self._space, self.belief, reason)
+        return lines if self._refined is None else (*lines, self._refined.reason)
 
 
 def _best(best: Plan) -> Floats:

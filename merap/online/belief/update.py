@@ -92,9 +92,9 @@ def observe_step(space: HypothesisSpace, belief: Belief, step: Step) -> Belief:
 
 def _slot_probabilities(space: HypothesisSpace, table: ActionTable, state: int) -> Floats:
     """float64 [U, V, W, R, K], with the slip: slot 0 is to stay."""
-    prob = table.prob[:, :, state]
+    prob = table.prob[:, :, space.disturbance, state]
     slips = space.slips[:, np.newaxis, np.newaxis]
-    slots = (1 - slips) * prob[:, :, np.newaxis]
+    slots: Floats = (1 - slips) * prob
     slots[..., 0] += slips[..., 0] * table.enabled[:, state][np.newaxis, :, np.newaxis]
     return slots
 
