@@ -1,0 +1,163 @@
+"""The least risk of ever reaching an unsafe state that can be promised under every credible model.
+
+With D(s, a) the set of distributions of `outcomes` and u the unsafe states,
+
+    rho(s)  = 1                          in u,
+    rho(s)  = min over a of Q(s, a)      elsewhere,
+    Q(s, a) = max over p in D(s, a) of sum over s' of p(s') (h(s') + (1 - h(s')) rho(s')),
+
+the least solution: robust dynamic programming over rectangular sets (Iyengar 2005; Nilim and El
+Ghaoui 2005), for the undiscounted reachability that shields are made of (Alshiekh et al. 2018;
+Jansen et al. 2020). h(s') is the risk of a step by itself, as the hazard prior gives it
+(`hazards`); it is 0 without one.
+
+Nature's choice may differ each time a state is visited, so rho is an upper bound for every single
+model. An action that some credible model disables can't be relied on: with q(s) the minimum over
+the actions that are sure and Q(s) the maximum over all that are possible, rho(s) = min(q(s), Q(s)),
+since in the worst case nature leaves only an action that is worst.
+
+Where rho is 0 comes from the graph alone (the greatest set of states with a sure action all of
+whose outcomes, under any distribution of the set, stay inside), so that a threshold of 0 involves
+no numerics. Elsewhere values rise from 0. They are not the fixpoint yet when iteration stops, and
+need not be: what a budget (`budget`) promises for T steps is off by at most T times the last
+change, the residual. Iterating from above would be no remedy: where nature may let a move fail for
+ever, the fixpoint is not unique.
+
+Axes as in `outcomes`; T steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.errors import EngineError
+from merap.mdp.model import Bools, Floats
+from merap.mdp.segments import row_best
+from merap.online.shield.outcomes import OutcomeSets
+
+PRECISION = 1e-10
+MAX_SWEEPS = 20_000
+# A risk that is there but too small for its number.
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Risk:
+    """What any behaviour risks at least, under the worst of the credible models.
+
+    Attributes:
+        of_states: float64 [S] or, by time, [T + 1, S]: rho.
+        of_actions: float64 [S, A] or [T, S, A]: Q; 1 where no credible model has the action.
+        certain: bool, as `of_actions`: exactly where Q is 0.
+        unsafe: bool [S].
+        residual: by how much a state's value may fall short of its actions'.
+    """
+
+    of_states: Floats
+    of_actions: Floats
+    certain: Bools
+    unsafe: Bools
+    residual: float
+
+    def at(self, time: int) -> Risk:
+        """The risk of the steps that remain at a time."""
+        if self.of_states.ndim == 1:
+            return self
+        step = min(time, len(self.of_actions) - 1)
+        return Risk(
+            self.of_states[step : step + 2], self.of_actions[step], self.certain[step], self.unsafe, 0.0
+        )
+
+
+def robust_risk(sets: OutcomeSets, horizon: int | None = None, precision: float = PRECISION) -> Risk:
+    """Solve the equations above.
+
+    Args:
+        sets: what each action may lead to.
+        horizon: T: of reaching an unsafe state within so many steps; None: of ever.
+        precision: of the residual.
+
+    Raises:
+        EngineError: the residual stays above the precision.
+    """
+    if horizon is not None:
+        return _within(sets, horizon)
+    risky = sets.unsafe
+    while True:
+        of_choices = _choices_risky(sets, risky)
+        grown = sets.unsafe | _states_risky(sets, of_choices)
+        if np.array_equal(grown, risky):
+            break
+        risky = grown
+    values, q, residual = _rising(sets, risky, precision)
+    return Risk(
+        of_states=values,
+        of_actions=sets.table(_positive(q, of_choices), 1.0),
+        certain=sets.table(~of_choices, False),
+        unsafe=sets.unsafe,
+        residual=residual,
+    )
+
+
+def _rising(sets: OutcomeSets, risky: Bools, precision: float) -> tuple[Floats, Floats, float]:
+    values = sets.unsafe.astype(np.float64)
+    for _ in range(MAX_SWEEPS):
+        q = choice_risk(sets, values)
+        better = np.where(risky, state_risk(sets, q), 0.0)
+        residual = float(np.max(better - values, initial=0.0))
+        if residual <= precision:
+            return np.where(risky, np.maximum(values, TINY), 0.0), q, residual
+        values = better
+    raise EngineError(f"the risk still grows by {residual:.1e} a sweep after {MAX_SWEEPS} sweeps")
+
+
+def _within(sets: OutcomeSets, horizon: int) -> Risk:
+    values = np.empty((horizon + 1, sets.num_states))
+    of_actions = np.empty((horizon, sets.num_states, sets.num_actions))
+    certain = np.zeros(of_actions.shape, dtype=np.bool_)
+    values[horizon], risky = sets.unsafe, sets.unsafe
+    for t in reversed(range(horizon)):
+        of_choices = _choices_risky(sets, risky)
+        q = choice_risk(sets, values[t + 1])
+        risky = sets.unsafe | _states_risky(sets, of_choices)
+        values[t] = np.where(risky, np.maximum(state_risk(sets, q), TINY), 0.0)
+        of_actions[t] = sets.table(_positive(q, of_choices), 1.0)
+        certain[t] = sets.table(~of_choices, False)
+    return Risk(values, of_actions, certain, sets.unsafe, 0.0)
+
+
+def choice_risk(sets: OutcomeSets, values: Floats) -> Floats:
+    """float64 [C], Q if the successors' risk is float64 [S]."""
+    rows = sets.rows
+    onward = values[rows.target]
+    of_rows = (rows.prob * (rows.risk + (1 - rows.risk) * onward)).sum(axis=1)
+    worst: Floats = np.maximum.reduceat(of_rows, sets.first)
+    return worst
+
+
+def state_risk(sets: OutcomeSets, of_choices: Floats) -> Floats:
+    """float64 [S], rho if the choices' risk is float64 [C]; 0 where there is none."""
+    relied = row_best(np.where(sets.sure, of_choices, np.inf), sets.state_pointers, maximise=False)
+    worst = row_best(of_choices, sets.state_pointers, maximise=True)
+    return np.where(sets.unsafe, 1.0, np.minimum(np.minimum(relied, worst), 1.0))
+
+
+def _choices_risky(sets: OutcomeSets, risky: Bools) -> Bools:
+    """bool [C], whether some distribution can lead to a risky state, or is a risk by itself."""
+    rows = sets.rows
+    of_rows = ((rows.prob > 0) & (risky[rows.target] | (rows.risk > 0))).any(axis=1)
+    found: Bools = np.logical_or.reduceat(of_rows, sets.first)
+    return found
+
+
+def _states_risky(sets: OutcomeSets, of_choices: Bools) -> Bools:
+    """bool [S]: `state_risk` is positive."""
+    as_numbers = state_risk(sets, of_choices.astype(np.float64))
+    return np.asarray(as_numbers > 0)
+
+
+def _positive(q: Floats, risky: Bools) -> Floats:
+    """float64 [C]: exactly 0 where nothing is at risk, and nowhere else."""
+    return np.where(risky, np.clip(q, TINY, 1.0), 0.0)

@@ -1,0 +1,114 @@
+"""The shield as a strategy or a loop uses it: what is allowed, what is reported, the mask of a policy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from merap.errors import InputError
+from merap.online.shield.shield import RobustShield, shielded_policy
+from tests.shield_examples import make_sets
+
+# From 0 across a ledge to 1, which slips by 0.1 or, if it rains, by 0.3; waiting is safe.
+DRY = make_sets({0: {0: [{1: 0.9, 2: 0.1}], 1: [{0: 1.0}]}, 1: {0: [{1: 1.0}]}}, {2}, num_states=3)
+ANY = make_sets(
+    {0: {0: [{1: 0.9, 2: 0.1}, {1: 0.7, 2: 0.3}], 1: [{0: 1.0}]}, 1: {0: [{1: 1.0}]}}, {2}, num_states=3
+)
+BOTH = np.ones(2, dtype=np.bool_)
+
+
+def test_it_loosens_and_tightens_with_what_is_credible() -> None:
+    credible = [ANY]
+    shield = RobustShield(lambda: credible[0], 0.2)
+    shield.begin(0)
+    assert shield.allowed(0, BOTH).tolist() == [False, True]
+    credible[0] = DRY
+    shield.refresh()
+    assert shield.allowed(0, BOTH).tolist() == [True, True]
+    credible[0] = ANY
+    shield.refresh()
+    assert shield.allowed(0, BOTH).tolist() == [False, True]
+    report = shield.report()
+    assert (report.changes, report.steps, report.withheld, report.fallbacks) == (2, 3, 2, 0)
+
+
+def test_the_budget_goes_with_the_steps_of_an_episode() -> None:
+    shield = RobustShield(lambda: DRY, 0.15)
+    shield.begin(0)
+    assert shield.allowed(0, BOTH).tolist() == [True, True]
+    shield.took(1, 0)
+    assert shield.budget == 0.15
+    shield.took(0, 1)
+    assert shield.budget == pytest.approx(0.05)
+    shield.begin(0)
+    assert shield.budget == 0.15
+    assert shield.report().episodes == 2
+    assert shield.report().worst_risk == pytest.approx(0.1)
+
+
+def test_an_empty_set_is_reported_and_never_returned() -> None:
+    forced = make_sets(
+        {0: {0: [{1: 0.9, 2: 0.1}], 1: [{1: 0.6, 2: 0.4}]}, 1: {0: [{1: 1.0}]}}, {2}, num_states=3
+    )
+    shield = RobustShield(lambda: forced, 0.05)
+    shield.begin(0)
+    assert shield.allowed(0, BOTH).tolist() == [True, False]
+    shield.took(0, 1)
+    assert shield.allowed(1, np.array([True, False])).tolist() == [True, False]
+    report = shield.report().as_dict()
+    assert report == {
+        "threshold": 0.05,
+        "episodes": 1,
+        "steps": 2,
+        "beyond_from_start": 1,
+        "fallbacks": 1,
+        "withheld": 1,
+        "worst_risk": pytest.approx(0.1),
+        "changes": 0,
+    }
+
+
+def test_an_action_that_no_credible_model_has_is_the_last_resort() -> None:
+    shield = RobustShield(lambda: DRY, 0.5)
+    shield.begin(1)
+    assert shield.allowed(1, BOTH).tolist() == [True, False]
+    assert shield.allowed(1, np.array([False, True])).tolist() == [False, True]
+    assert shield.report().fallbacks == 1
+
+
+def test_only_the_steps_that_remain_count_with_a_horizon() -> None:
+    # Each step on the ledge slips by 0.1; with one step left that is all there is to risk.
+    ledge = make_sets({0: {0: [{0: 0.9, 1: 0.1}]}}, {1}, num_states=2, num_actions=1)
+    shield = RobustShield(lambda: ledge, 0.15, horizon=2)
+    one = np.ones(1, dtype=np.bool_)
+    shield.begin(0)
+    shield.allowed(0, one)
+    shield.took(0, 0)
+    shield.allowed(0, one)
+    report = shield.report()
+    # 1 - 0.9^2 = 0.19 is beyond 0.15 at first, 0.1 is not beyond what is left then.
+    assert (report.beyond_from_start, report.fallbacks) == (1, 1)
+
+
+@pytest.mark.parametrize("threshold", [-0.1, 1.1, float("nan")])
+def test_a_threshold_that_is_no_probability_is_refused(threshold: float) -> None:
+    with pytest.raises(InputError, match=r"must be in \[0, 1\]"):
+        RobustShield(lambda: DRY, threshold)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_shielded_policy_is_a_distribution_within_the_mask(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    policy = generator.dirichlet(np.ones(4), size=(3, 5)) * (generator.random((3, 5, 4)) < 0.6)
+    mask = generator.random((5, 4)) < 0.5
+    masked = shielded_policy(policy, mask)
+    some = np.asarray(mask.any(axis=1))
+    np.testing.assert_allclose(masked[:, some].sum(axis=-1), 1, atol=1e-12)
+    assert not masked[:, ~mask & some[:, np.newaxis]].any()
+    np.testing.assert_array_equal(masked[:, ~some], policy[:, ~some])
+    for t, s in np.argwhere((policy * mask).sum(axis=-1) > 0):
+        kept = np.flatnonzero(policy[t, s] * mask[s])
+        ratio = masked[t, s, kept] / policy[t, s, kept]
+        np.testing.assert_allclose(ratio, ratio[0])
