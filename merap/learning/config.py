@@ -24,6 +24,9 @@ class TrainingConfig(BaseModel):
     max_tasks: int = Field(
         default=512, ge=1, description="models of the base; of a larger support, that many"
     )
+    observation: Literal["one_hot", "factored"] = Field(
+        default="one_hot", description="what the policy sees: the state's number, or its variables encoded"
+    )
     hidden: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         default=(32, 32), description="sizes of the policy's hidden layers"
     )

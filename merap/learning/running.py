@@ -11,6 +11,7 @@ from merap.concerns.case_study import CaseStudy
 from merap.learning.checkpoint import read_checkpoint, write_checkpoint, write_policy
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
+from merap.learning.observation import case_kinds
 from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks, require_free
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
@@ -37,7 +38,8 @@ def begin_run(path: Path, case: CaseStudy, config: TrainingConfig) -> RunFolder:
 def tasks_of(run: RunFolder) -> TaskBatch:
     """The tasks of a run, from its archives."""
     horizon = run.case.combination_at(0).objective.horizon
-    return task_batch(read_tasks(run), horizon, run.case.discount)
+    kinds = case_kinds(run.case.space, len(run.case.modes))
+    return task_batch(read_tasks(run), horizon, run.case.discount, kinds=kinds)
 
 
 def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> MetaPolicy:

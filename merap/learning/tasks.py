@@ -1,6 +1,6 @@
 """Tasks of one case as padded torch arrays on the canonical index.
 
-Axes: N tasks, S states, A actions without `end`, K successors.
+Axes: N tasks, S states, A actions without `end`, K successors, F features.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from merap.errors import ModelError
+from merap.learning.observation import VariableKind, model_kinds, observation_features
 from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
@@ -34,6 +35,7 @@ class TaskBatch:
         initial: float [N, S], a distribution.
         horizon: T, the number of steps of an episode.
         discount: in [0, 1].
+        features: float [S, F], the factored observation; None if it isn't known.
     """
 
     next_state: Tensor
@@ -44,6 +46,7 @@ class TaskBatch:
     initial: Tensor
     horizon: int
     discount: float
+    features: Tensor | None = None
 
     def __post_init__(self) -> None:
         shape = self.next_state.shape
@@ -52,6 +55,7 @@ class TaskBatch:
             assert array.shape == shape, (array.shape, shape)
         assert self.enabled.shape == shape[:3], (self.enabled.shape, shape)
         assert self.initial.shape == shape[:2], (self.initial.shape, shape)
+        assert self.features is None or len(self.features) == shape[1], (self.features.shape, shape)
 
     @property
     def num_tasks(self) -> int:
@@ -100,11 +104,16 @@ class TaskBatch:
             initial=self.initial[chosen],
             horizon=self.horizon,
             discount=self.discount,
+            features=self.features,
         )
 
 
 def task_batch(
-    models: Sequence[TabularMDP], horizon: int, discount: float, dtype: torch.dtype = torch.float32
+    models: Sequence[TabularMDP],
+    horizon: int,
+    discount: float,
+    dtype: torch.dtype = torch.float32,
+    kinds: Sequence[VariableKind] | None = None,
 ) -> TaskBatch:
     """Stack models of one case.
 
@@ -116,9 +125,11 @@ def task_batch(
         horizon: T, at least 1.
         discount: in [0, 1].
         dtype: of probabilities and rewards.
+        kinds: of the variables, for the factored observation; None for what names and values tell.
 
     Raises:
-        ModelError: there is no model, or one is not on the index of the first.
+        ModelError: there is no model, one is not on the index of the first, or a value is out
+            of its variable's range.
     """
     if not models:
         raise ModelError("there is no model to learn from")
@@ -142,6 +153,7 @@ def task_batch(
         initial=torch.from_numpy(np.stack([model.initial for model in models])).to(dtype),
         horizon=horizon,
         discount=discount,
+        features=observation_features(kinds or model_kinds(models[0]), models[0].valuations).to(dtype),
     )
 
 

@@ -65,7 +65,8 @@ class TrainingState:
 
 def policy_network(tasks: TaskBatch, config: TrainingConfig) -> PolicyNetwork:
     """The shape of the policy that a configuration asks for."""
-    return PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation)
+    features = tasks.features if config.observation == "factored" else None
+    return PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation, features)
 
 
 def initial_state(network: PolicyNetwork, config: TrainingConfig) -> TrainingState:
