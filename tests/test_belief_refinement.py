@@ -8,16 +8,17 @@ import pytest
 import torch
 
 from merap.concerns.case_study import CaseStudy, load_case
+from merap.learning.checkpoint import read_policy
 from merap.learning.config import TrainingConfig
 from merap.learning.exact import exact_problem, expected_return
-from merap.learning.run_folder import RunFolder
-from merap.learning.running import train
+from merap.learning.meta import MetaPolicy
+from merap.learning.running import tasks_of, train
 from merap.mdp.evaluation import expected_return as value_on
 from merap.mdp.model import Floats
 from merap.online.belief.model import DomainModel, mean_model, sampled_model, tabular
 from merap.online.belief.planning import Plan, plan, policy_values
 from merap.online.belief.posterior import prior_belief
-from merap.online.belief.refinement import RefinementSettings, model_tasks, refinement
+from merap.online.belief.refinement import Refinement, RefinementSettings, model_tasks
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
 from merap.online.running import executed
@@ -33,8 +34,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> CaseStudy:
 
 
 @pytest.fixture(scope="module")
-def trained(case: CaseStudy, tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
-    return train(case, tmp_path_factory.mktemp("runs") / "run", TrainingConfig(seed=0, updates=30))
+def meta(case: CaseStudy, tmp_path_factory: pytest.TempPathFactory) -> MetaPolicy:
+    run = train(case, tmp_path_factory.mktemp("runs") / "run", TrainingConfig(seed=0, updates=30))
+    return read_policy(run, tasks_of(run))
 
 
 def drawn(space: HypothesisSpace, count: int) -> list[DomainModel]:
@@ -71,12 +73,12 @@ def test_values_of_the_tasks_for_the_gradient_are_the_same(case: CaseStudy) -> N
     np.testing.assert_allclose(found, policy_values(models, everywhere, space.initial), atol=1e-4)
 
 
-def test_the_refined_meta_policy_is_taken_where_it_is_better(case: CaseStudy, trained: RunFolder) -> None:
+def test_the_refined_meta_policy_is_taken_where_it_is_better(case: CaseStudy, meta: MetaPolicy) -> None:
     # Before anything is seen the plan goes for one of two goals; a policy that hedges is worth more.
     space = hypothesis_space(case)
     belief = prior_belief(space)
     best = plan(mean_model(space, belief), HORIZON)
-    refine = refinement(trained, space, HORIZON, np.random.default_rng(0))
+    refine = Refinement(meta, space, HORIZON, np.random.default_rng(0))
     found = refine(belief, best, best_policy(best), space.initial)
     assert found.policy is not None
     assert found.refined_value is not None
@@ -89,14 +91,14 @@ def test_the_refined_meta_policy_is_taken_where_it_is_better(case: CaseStudy, tr
     assert gain.mean() > 2 * gain.std() / np.sqrt(len(many))
 
 
-def test_gradient_steps_raise_the_mean_return(case: CaseStudy, trained: RunFolder) -> None:
+def test_gradient_steps_raise_the_mean_return(case: CaseStudy, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
     belief = prior_belief(space)
     best = plan(mean_model(space, belief), HORIZON)
     values = []
     for steps in (0, 1, 20):
         settings = RefinementSettings(models=64, steps=steps)
-        refine = refinement(trained, space, HORIZON, np.random.default_rng(3), settings)
+        refine = Refinement(meta, space, HORIZON, np.random.default_rng(3), settings)
         value = refine(belief, best, best_policy(best), space.initial).refined_value
         assert value is not None
         values.append(value)
@@ -105,7 +107,7 @@ def test_gradient_steps_raise_the_mean_return(case: CaseStudy, trained: RunFolde
     assert values[1] > values[0]
 
 
-def test_a_certain_belief_needs_no_refinement(case: CaseStudy, trained: RunFolder) -> None:
+def test_a_certain_belief_needs_no_refinement(case: CaseStudy, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
     prior = np.full_like(space.prior, -np.inf)
     prior[0, 0, 0] = 0.0
@@ -114,7 +116,7 @@ def test_a_certain_belief_needs_no_refinement(case: CaseStudy, trained: RunFolde
     space = replace(space, prior=prior, objective_prior=objective)
     belief = prior_belief(space)
     best = plan(mean_model(space, belief), HORIZON)
-    refine = refinement(trained, space, HORIZON, np.random.default_rng(0))
+    refine = Refinement(meta, space, HORIZON, np.random.default_rng(0))
     found = refine(belief, best, best_policy(best), space.initial)
     assert found.policy is None
     assert found.refined_value is None
@@ -122,9 +124,9 @@ def test_a_certain_belief_needs_no_refinement(case: CaseStudy, trained: RunFolde
     assert found.reason.endswith("the plan is kept")
 
 
-def test_the_strategy_acts_on_it_and_says_so(case: CaseStudy, trained: RunFolder) -> None:
+def test_the_strategy_acts_on_it_and_says_so(case: CaseStudy, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
-    refine = refinement(trained, space, HORIZON, np.random.default_rng(0))
+    refine = Refinement(meta, space, HORIZON, np.random.default_rng(0))
     strategy = BeliefStrategy(space, HORIZON, np.random.default_rng(0), refine=refine)
     policy = strategy.policy()
     # The refined policy does not depend on time, and is stochastic; the plan is neither.

@@ -17,12 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from merap.learning.checkpoint import read_policy
 from merap.learning.exact import ExactProblem, exact_problem, expected_return
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, policy_table
-from merap.learning.run_folder import RunFolder
-from merap.learning.running import tasks_of
 from merap.learning.tasks import TaskBatch
 from merap.mdp.model import Floats
 from merap.online.belief.model import DomainModel, sampled_model
@@ -132,21 +129,6 @@ class Refinement:
 
     def _value(self, parameters: Parameters, tasks: TaskBatch, problem: ExactProblem) -> Tensor:
         return expected_return(policy_table(self._meta.network, parameters, tasks.enabled), problem).mean()
-
-
-def refinement(
-    run: RunFolder,
-    space: HypothesisSpace,
-    horizon: int,
-    generator: np.random.Generator,
-    settings: RefinementSettings | None = None,
-) -> Refinement:
-    """Refines what a finished training run has learned.
-
-    Raises:
-        InputError: the run is not finished.
-    """
-    return Refinement(read_policy(run, tasks_of(run)), space, horizon, generator, settings)
 
 
 def model_tasks(models: Sequence[DomainModel], start: Floats, horizon: int) -> TaskBatch:

@@ -93,6 +93,7 @@ class BeliefStrategy:
         self._settings = settings or BeliefSettings()
         self._refine = refine
         self._refined: Refined | None = None
+        self._refined_at = 0.0
         self._index = StateIndex(space.valuations)
         scale = TIES * (float(np.ptp(space.reward)) or 1.0)
         self._ties = scale * generator.random((len(space.actions), space.num_states))
@@ -183,8 +184,16 @@ class BeliefStrategy:
         if self._settings.exploration == "information":
             price = information_price(self._space, self.belief, self._model, self._plan, self._start)
             self._price = self._settings.information_ahead * price
-        if self._refine is not None:
+        self._improve()
+
+    def _improve(self) -> None:
+        """Look for a better policy than the plan, unless nothing was learned since there was none."""
+        if self._refine is None:
+            return
+        settled = self._refined is not None and self._refined.refined_value is None
+        if not settled or self.belief.learned - self._refined_at > WORTH_REPLANNING:
             self._refined = self._refine(self.belief, self._plan, self._planned(), self._start)
+            self._refined_at = self.belief.learned
 
     def policy(self) -> Floats:
         """float64 [T, S, A]: the best plan on the mean model, or the refined meta policy."""

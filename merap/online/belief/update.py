@@ -20,6 +20,9 @@ from merap.online.belief.cells import BOTH, added, closed_probability, obstacle_
 from merap.online.belief.posterior import MAX_COUPLED, Belief, coupled_by, open_moves, reweighted, weights
 from merap.online.belief.space import HypothesisSpace
 
+# Values of a real attribute, when it is a matter of hitting one by luck.
+MANY = 1e9
+
 
 @dataclass(frozen=True)
 class Step:
@@ -211,7 +214,8 @@ def observe_detections(space: HypothesisSpace, belief: Belief, detections: Mappi
     """Readings of the case's detectors: name -> {location name: value}.
 
     A reading is right with the detector's accuracy, independently of all others; a wrong one of an
-    attribute with more than two values is any other of them.
+    attribute with more than two values is any other of them, and of a real one hardly ever a
+    number that another hypothesis has there.
 
     Raises:
         InputError: a detector or location is unknown, or readings have another form.
@@ -264,9 +268,11 @@ def _saw_attribute(
 ) -> Belief:
     declared = [attribute.name for attribute in space.space.attributes]
     attribute = space.space.attributes[declared.index(name)]
-    others = max(1.0, attribute.high - attribute.low) if attribute.kind != "bool" else 1.0
+    others = {"bool": 1.0, "int": attribute.high - attribute.low, "real": MANY}[attribute.kind]
     actual = space.attributes[:, declared.index(name)][:, locations]
-    likelihood = _log(np.where(actual == values, accuracy, (1 - accuracy) / others)).sum(axis=1)  # [U]
+    likelihood = _log(np.where(actual == values, accuracy, (1 - accuracy) / max(others, 1.0))).sum(
+        axis=1
+    )  # [U]
     by_environment = likelihood[space.attribute_class[belief.environments]]
     return reweighted(
         belief, by_environment[:, np.newaxis, np.newaxis] + np.zeros_like(belief.dynamics), None

@@ -18,6 +18,7 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.run_folder import RunFolder, read_tasks
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.online.belief.refinement import Refinement
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
 from merap.online.strategies.baselines import joint_policy, pretrained_policies
@@ -119,7 +120,9 @@ def _ope(context: StrategyContext, argument: str, generator: np.random.Generator
 
 
 def _belief(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
-    return BeliefStrategy(context.hypotheses, context.horizon, generator)
+    (of_models,) = generator.spawn(1)
+    refine = Refinement(context.meta, context.hypotheses, context.horizon, of_models)
+    return BeliefStrategy(context.hypotheses, context.horizon, generator, refine=refine)
 
 
 def _pretrained(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
