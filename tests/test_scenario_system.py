@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 from merap.online.loop.scenario import read_scenario
 from merap.online.loop.scenario_schema import NoiseSpec
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.truth import truths
-from merap.online.systems import ResetMode
 
 GRID = Path(__file__).parents[1] / "models" / "paper-grid" / "rq1-1.yaml"
 STOP, UP, DOWN, LEFT, RIGHT = range(5)

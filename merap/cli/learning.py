@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from merap.cli import options
 from merap.cli.output import err, number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
+from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 
 if TYPE_CHECKING:
@@ -92,6 +93,15 @@ def adapt(
         int | None, typer.Option(min=1, help="Real episodes at most, in place of --steps.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="a:b for seeds a to b - 1, or one seed.")] = "0:1",
+    reward_noise: Annotated[
+        float, typer.Option(min=0, metavar="SD", help="Deviation of Gaussian noise on rewards.")
+    ] = 0.0,
+    slip: Annotated[
+        float, typer.Option(min=0, max=1, metavar="P", help="Probability that an action does nothing.")
+    ] = 0.0,
+    reset: Annotated[
+        ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for curve and map, as PNG and SVG.")
     ] = None,
@@ -109,7 +119,12 @@ def adapt(
         steps = max_episodes // episodes_per_update(strategy, episodes_per_step)
     opened = read_run(run)
     chosen = _seeds(seeds)
-    met = adaptation.encounter(opened, opened.case.system(system), episodes_per_step=episodes_per_step)
+    met = adaptation.encounter(
+        opened,
+        opened.case.system(system),
+        episodes_per_step=episodes_per_step,
+        conditions=adaptation.Conditions(reward_noise, slip, reset),
+    )
     report: Adaptation | Spread
     with _progress() as bar:
         job = bar.add_task("Adapting", total=len(chosen) * steps * (3 if spread else 1), note="")

@@ -19,6 +19,9 @@ from merap.mdp.model import Bools, Floats
 
 END = "end"
 
+# How an episode after the first begins: at a start, after the way back there, or where the last one ended.
+ResetMode = Literal["episodes", "return_to_start", "none"]
+
 
 @dataclass(frozen=True, eq=False)
 class Environment:
@@ -205,6 +208,7 @@ class Combination:
         objective: its objective.
         discount: of a step, in (0, 1].
         digest: hexadecimal SHA-256 of the sources.
+        reset: how an episode after the first begins, when the combination is met online.
     """
 
     name: str
@@ -216,6 +220,7 @@ class Combination:
     objective: Objective
     discount: float
     digest: str
+    reset: ResetMode = "episodes"
 
     @property
     def action_names(self) -> tuple[str, ...]:

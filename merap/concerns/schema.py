@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 
+from merap.concerns.combination import ResetMode
 from merap.concerns.schema_base import (
     LocationRef,
     Locations,
@@ -231,6 +232,11 @@ class SystemSpec(Spec):
     objective: Concern | None = Field(default=None, description="a configuration's name, or values")
     start: Start | None = Field(default=None, description="in place of the objective's")
     horizon: int | None = Field(default=None, ge=1, le=MAX_HORIZON, description="in place of the objective's")
+    reset: ResetMode = Field(
+        default="episodes",
+        description="how an episode after the first begins: `episodes`: at a start; `return_to_start`: after "
+        "the system's own way back there; `none`: where the last one ended",
+    )
 
 
 class CaseSpec(Spec):

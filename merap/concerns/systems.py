@@ -69,6 +69,7 @@ class SystemReader:
             objective=self._objective(name, spec),
             discount=self.spec.discount,
             digest=self.digest,
+            reset=spec.reset,
         )
         self.check_pair(environment, capability)
         check_system_start(self.frame, self._path(name), system)

@@ -6,18 +6,19 @@ Axes: B episodes, T steps, S states, A actions.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from merap.base.build import model_of
-from merap.concerns.combination import Combination
+from merap.concerns.combination import Combination, ResetMode
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
-from merap.online.curve import Range, Row, Run, as_dict, judged, summary
+from merap.online.curve import Range, Run, as_dict, judged, summary
+from merap.online.managed.slip import slipping_model
 from merap.online.running import adaptation, evaluator, executed, reachable_range
 from merap.online.strategies.registry import (
     ALL,
@@ -30,6 +31,23 @@ from merap.online.strategies.registry import (
 from merap.online.strategy import Strategy
 from merap.online.systems import SimulatedSystem
 
+
+@dataclass(frozen=True)
+class Conditions:
+    """What makes a system harder to learn from than its model says.
+
+    Attributes:
+        reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
+        slip: probability that an action does nothing; policies are scored with it.
+        reset: how an episode after the first begins; None: as the case says of the system.
+    """
+
+    reward_noise: float = 0.0
+    slip: float = 0.0
+    reset: ResetMode | None = None
+
+
+UNDISTURBED = Conditions()
 OnStep = Callable[[], None]
 
 
@@ -39,6 +57,7 @@ class Adaptation:
 
     Attributes:
         system: its name.
+        conditions: what it was like.
         strategy: how it was adapted to.
         reachable: what any policy can earn there.
         runs: one for each seed.
@@ -49,6 +68,7 @@ class Adaptation:
     """
 
     system: str
+    conditions: Conditions
     strategy: str
     reachable: Range
     runs: tuple[Run, ...]
@@ -60,6 +80,7 @@ class Adaptation:
         """For JSON."""
         return {
             "system": self.system,
+            **asdict(self.conditions),
             "strategy": self.strategy,
             "optimum": self.reachable.optimum,
             "worst": self.reachable.worst,
@@ -74,23 +95,32 @@ class Encounter:
 
     Attributes:
         system: what is met.
+        conditions: what it is like, with a reset mode.
         model: its true model, on the canonical index.
         reachable: what any policy can earn there.
         context: what strategies are made from.
     """
 
     system: Combination
+    conditions: Conditions
     model: TabularMDP
     reachable: Range
     context: StrategyContext
 
 
-def encounter(run: RunFolder, system: Combination, *, episodes_per_step: int = 35) -> Encounter:
-    """Build a system that is met; arguments as those of `adapt`."""
-    model = model_of(system)
+def encounter(
+    run: RunFolder,
+    system: Combination,
+    *,
+    episodes_per_step: int = 35,
+    conditions: Conditions = UNDISTURBED,
+) -> Encounter:
+    """Build a system that is met; see `adapt`."""
+    given = replace(conditions, reset=conditions.reset or system.reset)
+    model = slipping_model(system, given.slip) if given.slip else model_of(system)
     horizon = system.objective.horizon
     context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
-    return Encounter(system, model, reachable_range(model, horizon), context)
+    return Encounter(system, given, model, reachable_range(model, horizon), context)
 
 
 def adapt(
@@ -102,6 +132,7 @@ def adapt(
     steps: int = 30,
     max_episodes: int | None = None,
     seeds: Sequence[int] = (0,),
+    conditions: Conditions = UNDISTURBED,
     on_step: OnStep = lambda: None,
 ) -> Adaptation:
     """Adapt to a simulated system, once for each seed.
@@ -116,13 +147,15 @@ def adapt(
         steps: policy updates.
         max_episodes: real episodes at most, in place of `steps`.
         seeds: of the episodes.
+        conditions: what the system is like.
         on_step: called after each policy update of each seed.
 
     Raises:
-        InputError: the run is not finished, there is no seed, or no such strategy.
+        InputError: the run is not finished, there is no seed, no such strategy, a condition is out of
+            range, or the system can't begin another episode.
     """
     require_adaptable(strategy, seeds)
-    met = encounter(run, system, episodes_per_step=episodes_per_step)
+    met = encounter(run, system, episodes_per_step=episodes_per_step, conditions=conditions)
     return adapt_to(met, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
 
 
@@ -155,25 +188,45 @@ def adapt_to(
             of_system, of_strategy = np.random.default_rng(seed).spawn(2)
             chosen = make_strategy(strategy, met.context, of_strategy)
             limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
-            found.append(_followed(met, chosen, of_system, limit, on_step))
-    before, _, after = found[0]
-    runs = tuple(judged(seed, rows, met.reachable) for seed, (_, rows, _) in zip(seeds, found, strict=True))
-    return Adaptation(met.system.name, strategy, met.reachable, runs, before, after, met.model)
+            found.append(_followed(seed, met, chosen, of_system, limit, on_step))
+    runs, before, after = zip(*found, strict=True)
+    return Adaptation(
+        met.system.name, met.conditions, strategy, met.reachable, runs, before[0], after[0], met.model
+    )
 
 
 def _followed(
-    met: Encounter, strategy: Strategy, generator: np.random.Generator, max_episodes: int, on_step: OnStep
-) -> tuple[Floats, list[Row], Floats]:
-    """One adaptation: the policy before, its curve, the policy after."""
+    seed: int,
+    met: Encounter,
+    strategy: Strategy,
+    generator: np.random.Generator,
+    max_episodes: int,
+    on_step: OnStep,
+) -> tuple[Run, Floats, Floats]:
+    """One adaptation, with the policies before and after."""
+    simulated = _simulated(met, generator)
     before = executed(met.model, strategy.policy())
-    simulated = SimulatedSystem(met.model, met.context.horizon, generator)
-    evaluate = evaluator(met.model, met.context.horizon)
     rows = []
-    for row in adaptation(simulated, strategy, evaluate, max_episodes):
+    for row in adaptation(simulated, strategy, evaluator(met.model, met.context.horizon), max_episodes):
         rows.append(row)
         if row.step:
             on_step()
-    return before, rows, executed(met.model, strategy.policy())
+    run = judged(seed, rows, met.reachable, simulated.steps_back)
+    return run, before, executed(met.model, strategy.policy())
+
+
+def _simulated(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
+    """What is met, with its detectors."""
+    assert met.conditions.reset is not None
+    return SimulatedSystem(
+        met.system,
+        met.context.horizon,
+        generator,
+        slip=met.conditions.slip,
+        noise=met.conditions.reward_noise,
+        detect=True,
+        reset=met.conditions.reset,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +254,7 @@ class Spread:
         """For JSON."""
         return {
             "system": self.best.system,
+            **asdict(self.best.conditions),
             "strategy": f"{PRETRAINED}:{ALL}",
             "optimum": self.best.reachable.optimum,
             "worst": self.best.reachable.worst,

@@ -65,6 +65,7 @@ class Run:
             episodes; exploration is not in it.
         sampled_regret: optimum minus what the real episodes returned, summed: with exploration,
             and with luck.
+        steps_back: what the system took to get back to its start between episodes.
     """
 
     seed: int
@@ -75,9 +76,10 @@ class Run:
     first_episode_regret: float
     cumulative_regret: float
     sampled_regret: float
+    steps_back: int
 
 
-def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
+def judged(seed: int, curve: Sequence[Row], reachable: Range, steps_back: int = 0) -> Run:
     """A run with its scores."""
     near = lasting([reachable.within_5_percent(row.expected_return) for row in curve])
     solved = lasting([reachable.solved(row.expected_return) for row in curve])
@@ -97,6 +99,7 @@ def judged(seed: int, curve: Sequence[Row], reachable: Range) -> Run:
             for before, now in pairwise(curve)
             if now.sampled_return is not None
         ),
+        steps_back=steps_back,
     )
 
 

@@ -8,18 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import Combination, ResetMode
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints, TabularMDP
 from merap.online.managed.detection import detections
 from merap.online.managed.world import Situated, World, canonical_world, situated_world
 
-# How a new episode begins: at a start, or after the system's own way back there, or where the last one ended.
-ResetMode = Literal["episodes", "return_to_start", "none"]
 RESET_MODES: tuple[ResetMode, ...] = get_args(ResetMode)
 
 

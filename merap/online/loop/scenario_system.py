@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 from merap.online.loop.scenario import Moment
 from merap.online.loop.scenario_schema import NoiseSpec
 from merap.online.loop.truth import Truth
-from merap.online.systems import Observation, ResetMode, SimulatedSystem
+from merap.online.systems import Observation, SimulatedSystem
 
 
 @dataclass(frozen=True)
