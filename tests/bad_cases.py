@@ -121,6 +121,7 @@ STARTS: list[Row] = [
     ("  start: {S: 0.75, A: 0.25}\n", "", "objective:", "objective", "key 'start' is missing"),
     ("dim: {blocked: [B]", "dim: {blocked: [B, A]", "dim", "environment.configurations.dim.blocked", "the start location A is blocked (environment dim)"),
     ("    start: S\n    horizon: 20\n", "    start: A\n", "  met:", "online.met", "the start location A is blocked"),
+    ("    horizon: 20\n", "    reset: home\n", "home", "online.met.reset", "expected 'episodes', 'return_to_start' or 'none', got 'home'"),
     ("capability: slow\n", "capability: slwo\n", "slwo", "online.met.capability", "unknown configuration 'slwo' of capability; did you mean 'slow'"),
     ("    capability: slow\n", "", "  met:", "online.met", "key 'capability' is missing, and capability has 2 configurations"),
     ("lamp: 0}", "lamp: 0, lump: 1}", "lump", "online.met.environment.lump", "unknown parameter 'lump'"),

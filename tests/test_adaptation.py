@@ -11,6 +11,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from merap.base.build import canonical
+from merap.concerns.combination import ResetMode
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
@@ -18,8 +19,8 @@ from merap.learning.run_folder import RunFolder
 from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
-from merap.online.adaptation import Adaptation, adapt, encounter, spread_of_pretrained
-from merap.online.strategies.registry import BELIEF, GRADIENT
+from merap.online.adaptation import Adaptation, Conditions, adapt, encounter, spread_of_pretrained
+from merap.online.strategies.registry import BELIEF, GRADIENT, STRATEGIES
 from tests.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained
 
@@ -207,7 +208,11 @@ def test_after_each_step_and_only_then_the_caller_is_told(hasty: RunFolder) -> N
 
 def test_what_it_is_as_data(of_hasty: Adaptation) -> None:
     found = of_hasty.as_dict()
-    assert list(found) == ["system", "strategy", "optimum", "worst", "runs", "summary"]
+    assert list(found) == [
+        *("system", "reward_noise", "slip", "reset"),
+        *("strategy", "optimum", "worst", "runs", "summary"),
+    ]
+    assert (found["reward_noise"], found["slip"], found["reset"]) == (0, 0, "episodes")
     assert (found["system"], found["strategy"]) == ("met", GRADIENT)
     assert [run["seed"] for run in found["runs"]] == [0, 1]
 
@@ -255,6 +260,91 @@ def test_the_oracle_has_no_regret(hasty: RunFolder) -> None:
         assert run.episodes_to_within_5_percent == 0
         assert run.cumulative_regret == pytest.approx(0, abs=1e-9)
         assert run.sampled_regret == pytest.approx(0, abs=1e-9)  # nothing is random
+
+
+def test_slip_is_in_what_policies_are_scored_by_and_in_what_is_met(hasty: RunFolder) -> None:
+    """Eight moves that work with 0.8 each, then `stop`: the optimum is that of waiting for eight successes.
+
+    By time t the goal is reached with the eighth success at move t: negative binomial. A slip in the goal
+    ends the task with the reward of `stop` all the same. Not reached: 18 steps at -0.5.
+    """
+    work = 0.8
+    arrival = {t: math.comb(t - 1, 7) * work**8 * (1 - work) ** (t - 8) for t in range(8, 18)}
+    late = 1 - sum(arrival.values())
+    mean = sum(p * (10 - 0.5 * t) for t, p in arrival.items()) - 9 * late
+    found = adapt(
+        hasty,
+        hasty.case.system("met"),
+        strategy="oracle",
+        steps=400,
+        conditions=Conditions(slip=1 - work),
+    )
+    assert found.reachable.optimum == pytest.approx(mean)
+    assert values(found)[0] == pytest.approx(mean)
+    earned = [row.sampled_return for row in found.runs[0].curve if row.sampled_return is not None]
+    square = sum(p * (10 - 0.5 * t) ** 2 for t, p in arrival.items()) + 81 * late
+    # within 4 standard errors: another seed fails with a chance of 6e-5
+    assert abs(np.mean(earned) - mean) <= 4 * math.sqrt((square - mean**2) / len(earned))
+
+
+def test_noise_is_on_the_rewards_that_are_seen_alone(hasty: RunFolder) -> None:
+    met = hasty.case.system("met")
+    noisy = Conditions(reward_noise=2.0)
+    found = adapt(hasty, met, strategy="oracle", steps=400, conditions=noisy)
+    assert values(found) == pytest.approx([OPTIMUM] * len(values(found)))
+    # nine steps, each with a variance of 4
+    earned = np.array([row.sampled_return for row in found.runs[0].curve[1:]])
+    assert abs(earned.mean() - OPTIMUM) <= 4 * math.sqrt(36 / 400)  # fails by luck with 6e-5
+    # the variance of a sample variance of n normal numbers is 2 sigma^4 / (n - 1)
+    assert abs(earned.var(ddof=1) - 36) <= 4 * 36 * math.sqrt(2 / 399)
+
+
+@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "pretrained"])
+@pytest.mark.parametrize("reset", ["return_to_start", "none"])
+def test_every_strategy_can_do_without_resets(hasty: RunFolder, strategy: str, reset: ResetMode) -> None:
+    found = adapt(
+        hasty,
+        hasty.case.system("met"),
+        strategy=strategy,
+        episodes_per_step=2,
+        max_episodes=6,
+        conditions=Conditions(reset=reset),
+    )
+    assert found.runs[0].curve[-1].episodes == 6
+    assert found.as_dict()["reset"] == reset
+    assert (found.runs[0].steps_back > 0) == (reset == "return_to_start")
+
+
+def test_the_way_back_is_counted(hasty: RunFolder) -> None:
+    """The oracle ends in the goal, eight steps from the start; before the last episode it is there again."""
+    conditions = Conditions(reset="return_to_start")
+    found = adapt(hasty, hasty.case.system("met"), strategy="oracle", steps=5, conditions=conditions)
+    assert found.runs[0].steps_back == 4 * 8
+
+
+def test_without_resets_the_next_episode_begins_where_the_last_ended(hasty: RunFolder) -> None:
+    """In the goal: from the second episode on `stop` is all there is to do."""
+    conditions = Conditions(reset="none")
+    found = adapt(hasty, hasty.case.system("met"), strategy="oracle", steps=4, conditions=conditions)
+    assert [row.sampled_return for row in found.runs[0].curve] == [None, OPTIMUM, 10, 10, 10]
+    # scores are from the declared start all the same
+    assert values(found) == pytest.approx([OPTIMUM] * len(values(found)))
+
+
+def test_a_belief_finds_the_goal_without_resets(hasty: RunFolder) -> None:
+    conditions = Conditions(reset="none")
+    found = adapt(
+        hasty, hasty.case.system("met"), strategy=BELIEF, steps=10, seeds=(0, 1, 2), conditions=conditions
+    )
+    assert all(run.episodes_to_within_5_percent is not None for run in found.runs)
+
+
+def test_what_cannot_be_met_is_refused(hasty: RunFolder) -> None:
+    met = hasty.case.system("met")
+    with pytest.raises(InputError, match=r"the probability to slip must be in \[0, 1\), it is 1"):
+        adapt(hasty, met, conditions=Conditions(slip=1.0))
+    with pytest.raises(InputError, match="the noise on rewards must be 0 or more, it is nan"):
+        adapt(hasty, met, conditions=Conditions(reward_noise=math.nan))
 
 
 def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> None:

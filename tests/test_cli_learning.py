@@ -134,7 +134,10 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
     assert "expected return" in done.stdout
     assert set(contents(out)) == {"curve.png", "curve.svg", "map.png", "map.svg"}
     found = json.loads(report.read_text())
-    assert list(found) == ["system", "strategy", "optimum", "worst", "runs", "summary"]
+    assert list(found) == [
+        *("system", "reward_noise", "slip", "reset"),
+        *("strategy", "optimum", "worst", "runs", "summary"),
+    ]
     assert (found["system"], found["strategy"]) == ("met", "gradient")
     # RQ1-3: the goal is eight steps away, whatever cell can't be entered
     assert (found["optimum"], found["worst"]) == (pytest.approx(6), pytest.approx(-9))
@@ -149,6 +152,7 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
             "first_episode_regret",
             "cumulative_regret",
             "sampled_regret",
+            "steps_back",
         ]
         rows = run["curve"]
         assert all(list(row) == ["step", "episodes", "expected_return", "sampled_return"] for row in rows)
@@ -160,11 +164,13 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
 
 def test_adapt_by_belief_prints_json_alone(finished: RunFolder) -> None:
     done = merap(
-        "adapt", finished.path, "--strategy", "belief", "--max-episodes", "2", "--seeds", "1", "--json", "-"
-    )
+        "adapt", finished.path, "--strategy", "belief", "--max-episodes", "2", "--seeds", "1", "--json", "-",
+        "--slip", "0.1", "--reward-noise", "0.5", "--reset", "return_to_start",
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["strategy"] == "belief"
+    assert (found["reward_noise"], found["slip"], found["reset"]) == (0.5, 0.1, "return_to_start")
     assert [[row["episodes"] for row in run["curve"]] for run in found["runs"]] == [[0, 1, 2]]
     assert [run["seed"] for run in found["runs"]] == [1]
 
@@ -188,6 +194,7 @@ def test_adapt_shows_the_spread_of_pretrained_policies(finished: RunFolder, tmp_
     [
         (["--seeds", "²"], "expected a:b with whole numbers or one seed, got '²'"),
         (["--system", "mett"], "'mett'"),
+        (["--slip", "1"], "the probability to slip must be in [0, 1), it is 1.0"),
         (["--strategy", "pretrained"], "'pretrained' lacks a combination"),
         (["--strategy", "pretrained:open.full.goal_r4c5"], "no combination 'open.full.goal_r4c5'"),
     ],

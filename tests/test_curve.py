@@ -163,4 +163,5 @@ def test_a_run_as_data() -> None:
         "first_episode_regret": 15,
         "cumulative_regret": 35 * 15,
         "sampled_regret": 0,
+        "steps_back": 0,
     }

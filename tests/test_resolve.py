@@ -186,6 +186,13 @@ def test_an_online_system_may_start_elsewhere(graph: CaseStudy) -> None:
     assert met.horizon == 20
 
 
+@pytest.mark.parametrize("reset", ["episodes", "return_to_start", "none"])
+def test_an_online_system_may_not_be_resettable(tmp_path: Path, reset: str) -> None:
+    case = load_case(write_case(tmp_path, GRAPH.replace("    horizon: 20\n", f"    reset: {reset}\n")))
+    assert case.system("met").reset == reset
+    assert case.combination_at(0).reset == "episodes"
+
+
 def test_a_start_may_be_a_parameter(tmp_path: Path) -> None:
     text = replaced(
         GRID, "parameters: {goal: location}", "parameters: {goal: location, from_where: location}"
