@@ -94,7 +94,7 @@ def episode(system: ManagedSystem, strategy: Strategy) -> float:
     while not observation.last:
         action = strategy.act(observation.enabled)
         observation = system.step(action)
-        strategy.observe(action, observation)
+        strategy.observe(action if observation.taken is None else observation.taken, observation)
         total += observation.reward
     return total
 

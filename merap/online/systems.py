@@ -32,6 +32,7 @@ class Observation:
         continuation: 0 once the task is complete, else 1 (dm_env's discount).
         truncated: the horizon is reached though the task is not complete.
         detections: name of a detector -> what it reads.
+        taken: the action that the system has taken in place of the one it was asked for; None: that one.
     """
 
     valuation: Ints
@@ -40,6 +41,7 @@ class Observation:
     continuation: float
     truncated: bool
     detections: Mapping[str, object] = field(default_factory=dict)
+    taken: int | None = None
 
     @property
     def last(self) -> bool:

@@ -1,0 +1,104 @@
+"""A guard against a planner that is late.
+
+Axes: S states, A declared actions.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from functools import partial
+from typing import Any, TypeVar
+
+from merap.errors import InputError
+from merap.mdp.model import Bools, Floats
+from merap.online.managed.worker import Worker
+from merap.online.strategy import Strategy
+from merap.online.systems import Observation
+
+log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+
+class GuardedStrategy:
+    """A strategy that decides in time, or else a safe fallback action is taken; see `strategy.Strategy`.
+
+    The strategy works in a thread of its own, where all its calls are made in their order. Only `act` is
+    waited for, so updates happen while the system goes on. A strategy that is late observes later
+    what was done in its place. Where the fallback is not allowed, the decision is waited for.
+
+    Args:
+        strategy: what decides.
+        actions: A names.
+        deadline: seconds for a decision.
+        fallback: name of the action that is taken when it is late.
+
+    Raises:
+        InputError: the deadline is no positive number, or there is no such action.
+    """
+
+    def __init__(self, strategy: Strategy, actions: Sequence[str], *, deadline: float, fallback: str) -> None:
+        if not deadline > 0:
+            raise InputError(f"a deadline is a positive number of seconds, not {deadline}")
+        if fallback not in actions:
+            raise InputError(
+                f"there is no action {fallback!r} to fall back on; allowed: {', '.join(actions)}"
+            )
+        self._strategy = strategy
+        self._deadline = deadline
+        self._name = fallback
+        self._fallback = list(actions).index(fallback)
+        self._worker = Worker("guarded strategy")
+        self._under_way: deque[Future[Any]] = deque()
+        self.times_late = 0
+
+    @property
+    def episodes_per_update(self) -> int:
+        """How many real episodes a policy update takes."""
+        return self._strategy.episodes_per_update
+
+    def begin(self, observation: Observation) -> None:
+        """An episode begins."""
+        self._post(partial(self._strategy.begin, observation))
+
+    def act(self, allowed: Bools) -> int:
+        """The strategy's action, or the fallback if it is late."""
+        decision = self._post(partial(self._strategy.act, allowed))
+        try:
+            return decision.result(self._deadline)
+        except TimeoutError:
+            if decision.done():
+                raise
+        self.times_late += 1
+        if not allowed[self._fallback]:
+            log.warning("no decision within %g s; %s is not allowed: waiting", self._deadline, self._name)
+            return decision.result()
+        log.warning("no decision within %g s; falling back on %s", self._deadline, self._name)
+        return self._fallback
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to."""
+        self._post(partial(self._strategy.observe, action, observation))
+
+    def update(self) -> None:
+        """Change the policy by what has been seen, while the system goes on."""
+        self._post(self._strategy.update)
+
+    def policy(self) -> Floats:
+        """What would act if learning stopped; waits for all that is under way."""
+        return self._post(self._strategy.policy).result()
+
+    def explain(self) -> tuple[str, ...]:
+        """Plain lines; waits for all that is under way."""
+        return self._post(self._strategy.explain).result()
+
+    def _post(self, call: Callable[[], Result]) -> Future[Result]:
+        """Queue a call; errors of those before it are raised here, at the latest."""
+        while self._under_way and self._under_way[0].done():
+            self._under_way.popleft().result()
+        future = self._worker.submit(call)
+        self._under_way.append(future)
+        return future

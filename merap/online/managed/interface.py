@@ -1,0 +1,192 @@
+"""What a managed system shows to the outside, and the JSON of it.
+
+The bodies have the form that the UPISAS project asks of its exemplars: every body is an object, and the
+keys of a schema's `properties` are those of the body, neither more nor fewer, so that a manager
+which compares them is content. `/execute_schema` describes request and answer alike; a request may leave
+out keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from merap.concerns.combination import Combination
+from merap.mdp.canonical import ABSORBING_VALUE
+
+Json = dict[str, Any]
+MAX_NAMES = 10_000
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A state variable.
+
+    Attributes:
+        name: of the variable.
+        low: its least value.
+        high: its greatest value.
+        names: what its values from 0 on stand for; None: they are numbers.
+    """
+
+    name: str
+    low: int
+    high: int
+    names: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What a managed system shows.
+
+    Attributes:
+        system: its name.
+        actions: A names.
+        variables: V state variables, in the order of a valuation.
+        detectors: names of the detectors that are read; their readings map locations to values.
+    """
+
+    system: str
+    actions: tuple[str, ...]
+    variables: tuple[Variable, ...]
+    detectors: tuple[str, ...] = ()
+
+
+def interface_of(combination: Combination, *, detect: bool) -> Interface:
+    """What a simulated combination shows; -1 are the variables of a completed task.
+
+    Args:
+        combination: what is simulated.
+        detect: whether its detectors are read.
+    """
+    space = combination.space
+    highest = [size - 1 for size in space.shape or (space.num_locations,)]
+    places = space.locations if space.shape is None and space.num_locations <= MAX_NAMES else None
+    located = [
+        Variable(name, ABSORBING_VALUE, high, places)
+        for name, high in zip(space.variable_names, highest, strict=True)
+    ]
+    mode = Variable("mode", ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
+    detectors = tuple(detector.name for detector in space.detectors) if detect else ()
+    return Interface(combination.name, combination.actions, (*located, mode), detectors)
+
+
+def monitor_schema(interface: Interface) -> Json:
+    """Of what `/monitor` answers."""
+    action_names = list(interface.actions)
+    return _object(
+        {
+            "valuation": _object({variable.name: _integer(variable) for variable in interface.variables}),
+            "enabled": {
+                "type": "array",
+                "items": {"enum": action_names},
+                "uniqueItems": True,
+                "description": "actions that are possible now",
+            },
+            "reward": _described("number", "earned by the last step; 0 after a reset"),
+            "continuation": _described("number", "0 once the task is complete, else 1", minimum=0, maximum=1),
+            "truncated": _described("boolean", "the horizon is reached though the task is not complete"),
+            "detections": _object(dict.fromkeys(interface.detectors, _READINGS)),
+            "action": {
+                "enum": [*action_names, None],
+                "description": "what the last step has done; null after a reset",
+            },
+            "total": _described("number", "sum of the rewards of this episode"),
+            **_COUNTERS,
+        },
+        title=f"what is seen of {interface.system}",
+    )
+
+
+def execute_schema(interface: Interface) -> Json:
+    """Of a request to `/execute` and of its answer; a request has `action` or `reset: true`.
+
+    `episode` and `step` of a request are the counters that were seen when it was decided: the request
+    is refused if the system has gone on since, unless it is the very request that made it go on.
+    """
+    return {
+        "title": f"what {interface.system} is to do, or has done",
+        "type": "object",
+        "properties": {
+            "action": {"enum": [*interface.actions, None], "description": "one of the enabled actions"},
+            "reset": _described("boolean", "true: begin an episode"),
+            **_COUNTERS,
+        },
+        "additionalProperties": False,
+    }
+
+
+def adaptation_options(interface: Interface) -> Json:
+    """All that `/execute` may ever ask for; `/monitor` tells what is possible now."""
+    return {
+        "action": {"type": "categorical", "values": list(interface.actions)},
+        "reset": {"type": "categorical", "values": [False, True]},
+    }
+
+
+def adaptation_options_schema(interface: Interface) -> Json:
+    """Of `adaptation_options`."""
+    option = _object({"type": {"const": "categorical"}, "values": {"type": "array"}})
+    return _object({"action": option, "reset": option}, title=f"what can be done to {interface.system}")
+
+
+def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, Any]) -> Interface:
+    """The interface that was served as `adaptation_options` and `monitor_schema`.
+
+    Raises:
+        KeyError, TypeError, ValueError: they are not of this form.
+    """
+    properties = schema["properties"]
+    return Interface(
+        system=name,
+        actions=_names(options["action"]["values"]),
+        variables=tuple(
+            Variable(
+                str(variable),
+                int(entry["minimum"]),
+                int(entry["maximum"]),
+                _names(entry["names"]) if "names" in entry else None,
+            )
+            for variable, entry in properties["valuation"]["properties"].items()
+        ),
+        detectors=tuple(properties["detections"]["properties"]),
+    )
+
+
+def _names(values: Any) -> tuple[str, ...]:
+    if not values or not all(isinstance(value, str) for value in values):
+        raise ValueError(f"expected names, got {values!r}")
+    return tuple(values)
+
+
+def _object(properties: Json, **more: Any) -> Json:
+    return {
+        **more,
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _described(kind: str, description: str, **more: Any) -> Json:
+    return {"type": kind, "description": description, **more}
+
+
+def _integer(variable: Variable) -> Json:
+    entry: Json = {"type": "integer", "minimum": variable.low, "maximum": variable.high}
+    if variable.names is not None:
+        entry["names"] = list(variable.names)
+    return entry
+
+
+_READINGS: Json = {
+    "type": "object",
+    "additionalProperties": {"type": ["boolean", "number"]},
+    "description": "location -> what is read there",
+}
+_COUNTERS: Json = {
+    "episode": _described("integer", "number of resets so far, from 1 on", minimum=1),
+    "step": _described("integer", "steps of this episode", minimum=0),
+}
