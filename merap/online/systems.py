@@ -101,10 +101,11 @@ class SimulatedSystem:
         detect: bool = False,
         reset: ResetMode = "episodes",
     ) -> None:
-        _check(noise, reset)
+        if not 0 <= noise < math.inf:
+            raise InputError(f"the noise on rewards must be 0 or more, it is {noise}")
         if isinstance(model, TabularMDP) and (slip or detect or reset != "episodes"):
             raise InputError("slip, detectors and a lasting location need a combination, not its model alone")
-        self._slip, self._noise, self._detect, self._reset = slip, noise, detect, reset
+        self._slip, self._noise, self._detect, self._reset = slip, noise, detect, reset_mode(reset)
         self._world = self._made(model)
         self._horizon = horizon
         self._generator = generator
@@ -244,8 +245,13 @@ class SimulatedSystem:
         )
 
 
-def _check(noise: float, reset: str) -> None:
-    if not 0 <= noise < math.inf:
-        raise InputError(f"the noise on rewards must be 0 or more, it is {noise}")
-    if reset not in RESET_MODES:
-        raise InputError(f"there is no reset mode {reset!r}; allowed: {', '.join(RESET_MODES)}")
+def reset_mode(name: str) -> ResetMode:
+    """The reset mode of that name.
+
+    Raises:
+        InputError: there is none.
+    """
+    for mode in RESET_MODES:
+        if mode == name:
+            return mode
+    raise InputError(f"there is no reset mode {name!r}; allowed: {', '.join(RESET_MODES)}")

@@ -7,7 +7,6 @@ against the schema that the system serves for it. Proxies of the environment are
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from http import HTTPStatus
@@ -27,6 +26,7 @@ from merap.online.managed.faults import FaultKind, SystemFault
 
 MAX_ANSWER = 16 * 1024 * 1024
 MAX_SHOWN = 200
+MAX_PORT = 65_535
 # What httpx raises, the first that fits.
 _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
     (httpx.TimeoutException, "timeout"),
@@ -141,7 +141,7 @@ class UpisasClient:
         validator = self._validator(schema)
         try:
             error = next(iter(validator.iter_errors(content)), None)
-        except (Unresolvable, re.error, RecursionError) as unusable:
+        except (Unresolvable, RecursionError) as unusable:
             raise self._fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
         if error is not None:
             place = "".join(f" at {key!r}" for key in error.path)
@@ -169,8 +169,7 @@ class UpisasClient:
         except TimeoutError as error:
             raise self._fault("timeout", request, f"no whole answer within {self._timeout:g} s") from error
         except httpx.HTTPError as error:
-            kind = next(kind for raised, kind in _KINDS if isinstance(error, raised))
-            raise self._fault(kind, request, str(error) or type(error).__name__) from error
+            raise self._fault(_kind(error), request, str(error) or type(error).__name__) from error
 
     async def _whole(self, request: str, response: httpx.Response) -> bytes:
         received = bytearray()
@@ -189,9 +188,16 @@ def _checked(url: str) -> httpx.URL:
         parsed = httpx.URL(url)
     except httpx.InvalidURL as error:
         raise InputError(f"{url!r} is no URL: {error}") from error
-    if parsed.scheme not in {"http", "https"} or not parsed.host:
+    if parsed.scheme not in {"http", "https"} or not parsed.host or (parsed.port or 0) > MAX_PORT:
         raise InputError(f"{url!r} is no URL of HTTP, as http://localhost:3000 is one")
     return parsed
+
+
+def _kind(error: httpx.HTTPError) -> FaultKind:
+    # One class of httpx stands for a broken protocol and for a connection that was closed too early.
+    if isinstance(error, httpx.RemoteProtocolError) and "without sending" in str(error):
+        return "dropped"
+    return next(kind for raised, kind in _KINDS if isinstance(error, raised))
 
 
 def _kind_of_status(status: int) -> FaultKind:

@@ -101,16 +101,18 @@ def listening(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def serve(served: ServedSystem, listener: socket.socket) -> None:
-    """Answer until SIGINT or SIGTERM."""
-    config = uvicorn.Config(
-        application(served),
-        log_config=None,
-        access_log=False,
-        lifespan="off",
-        timeout_graceful_shutdown=1,
+def server(served: ServedSystem) -> uvicorn.Server:
+    """What answers; its `run(sockets=[listener])` ends by SIGINT, SIGTERM or `should_exit`."""
+    return uvicorn.Server(
+        uvicorn.Config(
+            application(served),
+            log_config=None,
+            access_log=False,
+            lifespan="off",
+            ws="none",
+            timeout_graceful_shutdown=1,
+        )
     )
-    uvicorn.Server(config).run(sockets=[listener])
 
 
 async def _body(request: Request) -> object:
