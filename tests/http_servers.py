@@ -7,15 +7,21 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import uvicorn
 
 from merap.concerns.combination import Combination
 from merap.online.managed.http_server import listening, server
-from merap.online.managed.interface import interface_of
-from merap.online.managed.served import ServedSystem
+from merap.online.managed.interface import (
+    adaptation_options,
+    adaptation_options_schema,
+    execute_schema,
+    interface_of,
+    monitor_schema,
+)
+from merap.online.managed.served import RefusedRequestError, ServedSystem
 from merap.online.systems import SimulatedSystem
 
 Connection = Callable[[socket.socket], None]
@@ -111,3 +117,52 @@ def free_port() -> int:
     """A port where nobody listens."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         return int(taken.getsockname()[1])
+
+
+# What a flaky server does with a request: carries it out and answers, loses it, loses its answer, or fails.
+Mishap = Literal["none", "lost", "answer lost", "failed", "rubbish"]
+
+
+class FlakyServer:
+    """A sound system behind a connection with mishaps; see `raw_server`.
+
+    Args:
+        served: the system.
+        mishaps: one for each request; after the last there are none.
+    """
+
+    def __init__(self, served: ServedSystem, mishaps: Iterator[Mishap]) -> None:
+        self.served = served
+        self.mishaps = mishaps
+        self.executed = 0
+        self._lock = threading.Lock()
+
+    def __call__(self, connection: socket.socket) -> None:
+        name, _, body = read_request(connection)
+        with self._lock:
+            mishap = next(self.mishaps, "none")
+            if mishap == "lost":
+                return
+            failed = mishap == "failed"
+            answer = response({"error": "no power"}, "500 Oops") if failed else self._answer(name, body)
+        if mishap != "answer lost":
+            connection.sendall(b"rubbish" if mishap == "rubbish" else answer)
+
+    def _answer(self, name: str, body: bytes) -> bytes:
+        interface = self.served.interface
+        fixed = {
+            "GET /monitor_schema": monitor_schema(interface),
+            "GET /adaptation_options": adaptation_options(interface),
+            "GET /adaptation_options_schema": adaptation_options_schema(interface),
+            "GET /execute_schema": execute_schema(interface),
+        }
+        if name in fixed:
+            return response(fixed[name])
+        if name == "GET /monitor":
+            return response(self.served.monitor())
+        try:
+            done = self.served.execute(json.loads(body))
+        except RefusedRequestError as error:
+            return response({"error": str(error)}, f"{error.status.value} Refused")
+        self.executed += 1
+        return response(done)

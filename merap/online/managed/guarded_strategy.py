@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import partial
 from typing import Any, TypeVar
 
@@ -67,15 +67,13 @@ class GuardedStrategy:
     def act(self, allowed: Bools) -> int:
         """The strategy's action, or the fallback if it is late."""
         decision = self._post(partial(self._strategy.act, allowed))
-        try:
-            return decision.result(self._deadline)
-        except TimeoutError:
-            if decision.done():
-                raise
+        wait([decision], self._deadline)
+        if decision.done():
+            return self._result(decision)
         self.times_late += 1
         if not allowed[self._fallback]:
             log.warning("no decision within %g s; %s is not allowed: waiting", self._deadline, self._name)
-            return decision.result()
+            return self._result(decision)
         log.warning("no decision within %g s; falling back on %s", self._deadline, self._name)
         return self._fallback
 
@@ -89,16 +87,24 @@ class GuardedStrategy:
 
     def policy(self) -> Floats:
         """What would act if learning stopped; waits for all that is under way."""
-        return self._post(self._strategy.policy).result()
+        return self._result(self._post(self._strategy.policy))
 
     def explain(self) -> tuple[str, ...]:
         """Plain lines; waits for all that is under way."""
-        return self._post(self._strategy.explain).result()
+        return self._result(self._post(self._strategy.explain))
 
     def _post(self, call: Callable[[], Result]) -> Future[Result]:
-        """Queue a call; errors of those before it are raised here, at the latest."""
-        while self._under_way and self._under_way[0].done():
-            self._under_way.popleft().result()
+        self._raise_finished()
         future = self._worker.submit(call)
         self._under_way.append(future)
         return future
+
+    def _result(self, asked: Future[Result]) -> Result:
+        """Waits; if a call before it has failed, that is what is raised."""
+        wait([asked])
+        self._raise_finished()
+        return asked.result()
+
+    def _raise_finished(self) -> None:
+        while self._under_way and self._under_way[0].done():
+            self._under_way.popleft().result()
