@@ -103,9 +103,9 @@ class SimulatedSystem:
     ) -> None:
         if not 0 <= noise < math.inf:
             raise InputError(f"the noise on rewards must be 0 or more, it is {noise}")
-        if isinstance(model, TabularMDP) and (slip or detect or reset != "episodes"):
-            raise InputError("slip, detectors and a lasting location need a combination, not its model alone")
         self._slip, self._noise, self._detect, self._reset = slip, noise, detect, reset_mode(reset)
+        if isinstance(model, TabularMDP) and (slip or detect or self._reset != "episodes"):
+            raise InputError("slip, detectors and a lasting location need a combination, not its model alone")
         self._world = self._made(model)
         self._horizon = horizon
         self._generator = generator
