@@ -1,0 +1,42 @@
+"""The paper's trigger: sum of gamma^t r^t over a window, against TR; t counts from the window's start."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from merap.online.trigger.settings import WindowSettings
+from merap.online.trigger.trigger import Alarm, Reading
+
+
+class WindowTrigger:
+    """Re-plan if a window's discounted reward is below the threshold (the paper, section 4.2).
+
+    Args:
+        settings: threshold and window.
+    """
+
+    def __init__(self, settings: WindowSettings) -> None:
+        self._settings = settings
+        self._rewards: deque[float] = deque(maxlen=settings.steps)
+
+    def observe(self, reading: Reading) -> Alarm | None:
+        """Take in a step; an alarm at the end of a window that earned too little."""
+        self._rewards.append(reading.reward)
+        whole = reading.last if self._settings.steps is None else len(self._rewards) == self._settings.steps
+        if not whole:
+            return None
+        earned = sum(reward * self._settings.discount**t for t, reward in enumerate(self._rewards))
+        steps = len(self._rewards)
+        if not self._settings.sliding or self._settings.steps is None:
+            self._rewards.clear()
+        if earned >= self._settings.threshold:
+            return None
+        reason = (
+            f"the discounted reward of the last {steps} steps is {earned:.4g}, "
+            f"below the threshold of {self._settings.threshold:.4g}"
+        )
+        return Alarm("threshold", earned, self._settings.threshold, reason)
+
+    def replanned(self) -> None:
+        """A new window begins."""
+        self._rewards.clear()

@@ -1,0 +1,81 @@
+"""Whole streams against one step at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merap.online.trigger.batch import first_alarm, trace, window_rewards
+from merap.online.trigger.change import ChangeTrigger
+from merap.online.trigger.readings import Readings
+from merap.online.trigger.settings import ChangeSettings, WindowSettings
+from merap.online.trigger.trigger import Trigger
+from merap.online.trigger.window import WindowTrigger
+from tests.trigger_examples import random_readings
+
+
+def step_by_step(trigger: Trigger, readings: Readings) -> int | None:
+    return next((step for step in range(len(readings)) if trigger.observe(readings[step]) is not None), None)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    level=st.floats(-1.0, 0.5),
+    drift=st.floats(-0.6, 0.3),
+    run_length=st.floats(2.0, 1e6),
+    release=st.floats(0.0, 0.95),
+    deviations=st.floats(0.1, 4.0),
+    longest=st.integers(1, 30),
+)
+def test_cumulated_sums_and_recursions_agree(
+    seed: int,
+    level: float,
+    drift: float,
+    run_length: float,
+    release: float,
+    deviations: float,
+    longest: int,
+) -> None:
+    readings = random_readings(np.random.default_rng(seed), 150, level=level, drift=drift)
+    detector = ChangeSettings(
+        noise=1.0,
+        steps_per_false_alarm=run_length,
+        release=release,
+        deviations=deviations,
+        longest=longest,
+        cooldown=0,
+    )
+    traced = trace(detector, readings)
+    trigger = ChangeTrigger(detector)
+    evidence = []
+    for step in range(len(readings)):
+        trigger.observe(readings[step])
+        evidence.append(trigger.evidence)
+    np.testing.assert_allclose(traced.evidence, evidence, rtol=1e-9, atol=1e-9)
+    assert first_alarm(traced, detector) == step_by_step(ChangeTrigger(detector), readings)
+
+
+def test_both_routes_find_alarms_and_streams_without() -> None:
+    """That the comparison above is not one of nothing with nothing."""
+    detector = ChangeSettings(noise=1.0, steps_per_false_alarm=100.0)
+    drawn = np.random.default_rng(0)
+    found = [
+        first_alarm(trace(detector, random_readings(drawn, 150, level=-0.5, drift=drift)), detector)
+        for drift in (-0.4, -0.4, -0.4, 0.3, 0.3, 0.3)
+    ]
+    assert all(step is not None for step in found[:3])
+    assert found[3:] == [None] * 3
+
+
+@pytest.mark.parametrize(("steps", "sliding"), [(None, False), (7, False), (7, True), (500, False)])
+def test_windows_of_a_stream(steps: int | None, sliding: bool) -> None:
+    readings = random_readings(np.random.default_rng(1), 300, level=0.0, drift=0.0)
+    chosen = WindowSettings(threshold=-2.0, discount=0.9, steps=steps, sliding=sliding)
+    ends, rewards = window_rewards(chosen, readings)
+    trigger = WindowTrigger(chosen)
+    alarms = [step for step in range(300) if trigger.observe(readings[step]) is not None]
+    assert ends[rewards < -2.0].tolist() == alarms
+    assert len(alarms) > 3 or steps == 500

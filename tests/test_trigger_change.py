@@ -1,0 +1,130 @@
+"""The change detector: hysteresis, cool-down, budget, and what is no reason to re-plan."""
+
+from __future__ import annotations
+
+import math
+from itertools import count
+
+import pytest
+
+from merap.online.trigger.change import ChangeTrigger, Totals, estimated_loss
+from merap.online.trigger.settings import ChangeSettings
+from merap.online.trigger.trigger import Reading
+from tests.trigger_examples import reading
+
+SETTINGS = ChangeSettings(noise=1.0, cooldown=0)
+EPISODE = 5
+
+
+def episode(ratio: float = 1.0, gain: float = 0.0, reward: float = 0.0) -> list[Reading]:
+    """Five steps; what each of them says."""
+    return [reading(reward, ratio=ratio, gain=gain, last=step == EPISODE - 1) for step in range(EPISODE)]
+
+
+def run(trigger: ChangeTrigger, readings: list[Reading]) -> list[int]:
+    """The steps with an alarm; after each of them a new policy is there."""
+    alarms = []
+    for step, one in enumerate(readings):
+        if trigger.observe(one) is not None:
+            alarms.append(step)
+            trigger.replanned()
+    return alarms
+
+
+def test_a_change_that_costs_is_told_when_the_episode_ends() -> None:
+    trigger = ChangeTrigger(SETTINGS)
+    assert run(trigger, [one for _ in range(20) for one in episode(ratio=0.8)]) == []
+    # each step multiplies the three detectors of transitions by e^8 (the cap): two would do
+    assert run(trigger, episode(ratio=1e6, gain=-1.0)) == [EPISODE - 1]
+
+
+def test_the_alarm_says_why() -> None:
+    trigger = ChangeTrigger(SETTINGS)
+    for one in episode(ratio=0.8):
+        trigger.observe(one)
+    alarm = None
+    for one in episode(ratio=1e6, gain=-1.0):
+        alarm = trigger.observe(one)
+    assert alarm is not None
+    assert alarm.kind == "change"
+    assert alarm.threshold == pytest.approx(math.log(1e7))
+    assert alarm.statistic > alarm.threshold
+    assert "has not held for the last 5 steps" in alarm.reason
+    assert "an episode earns 5 less than the 10 expected" in alarm.reason
+
+
+def test_a_change_that_costs_nothing_is_no_reason() -> None:
+    """The model is wrong beyond doubt, gains cancel out within the episode."""
+    trigger = ChangeTrigger(SETTINGS)
+    balanced = [
+        reading(ratio=1e6, gain=-1.0 if step < 2 else 2 / 3, last=step == EPISODE - 1)
+        for step in range(EPISODE)
+    ]
+    assert run(trigger, balanced * 40) == []
+    assert trigger.suspicious
+
+
+def test_a_loss_without_evidence_is_no_reason() -> None:
+    assert run(ChangeTrigger(SETTINGS), [one for _ in range(40) for one in episode(gain=-1.0)]) == []
+
+
+@pytest.mark.parametrize(("loss", "expected"), [(0.4, False), (0.6, True)])
+def test_a_loss_within_what_is_tolerated_is_no_reason(loss: float, expected: bool) -> None:
+    """5 % of a value of 10 is 0.5 an episode; with 400 episodes the estimate is sharp."""
+    settings = ChangeSettings(noise=1.0, cooldown=0, deviations=1.0)
+    readings = [one for _ in range(400) for one in episode(ratio=1e6, gain=-loss / EPISODE)]
+    assert (len(run(ChangeTrigger(settings), readings)) > 0) == expected
+
+
+def test_a_better_reward_hides_no_loss_unless_it_makes_up_for_it() -> None:
+    part = Totals(steps=10, episodes=1, gain=-4.0, gain_variance=1.0, residual=5.0)
+    settings = ChangeSettings(noise=1.0, tolerated_loss=0.0)
+    # noise of ten steps: sqrt(10) = 3.16; 5 is within two of them, and is taken for noise
+    assert estimated_loss(part, 10.0, settings).deviations == pytest.approx(4.0)
+    shifted = Totals(steps=10, episodes=1, gain=-4.0, gain_variance=1.0, residual=7.0)
+    assert estimated_loss(shifted, 10.0, settings).deviations == pytest.approx(-3.0 / math.sqrt(11.0))
+
+
+def test_without_variance_a_loss_is_certain() -> None:
+    part = Totals(steps=10, episodes=1, gain=-1.0)
+    assert estimated_loss(part, 10.0, SETTINGS).deviations == math.inf
+    assert estimated_loss(Totals(10, 1, -0.4), 10.0, SETTINGS).deviations == -math.inf
+
+
+def test_a_suspicion_outlasts_the_peak_and_is_dropped_well_below_it() -> None:
+    """Hysteresis: up at log 1e7 = 16.1; with `release` 0.5 it is dropped below 8.06."""
+    trigger = ChangeTrigger(SETTINGS)
+    for one in episode(ratio=1e6):
+        trigger.observe(one)
+    peak = trigger.evidence
+    assert peak > math.log(1e7)
+    for _ in count():
+        trigger.observe(reading(ratio=0.5))
+        if not trigger.suspicious:
+            break
+        assert trigger.evidence >= 0.5 * math.log(1e7)
+    assert trigger.evidence < 0.5 * math.log(1e7)
+
+
+def test_cool_down_and_budget_bound_the_number_of_re_plannings() -> None:
+    bad = [one for _ in range(100) for one in episode(ratio=1e6, gain=-1.0)]
+    assert run(ChangeTrigger(SETTINGS.model_copy(update={"budget": 100})), bad[:50]) == list(range(4, 50, 5))
+    cooled = ChangeTrigger(SETTINGS.model_copy(update={"budget": 100, "cooldown": 2}))
+    # the first is told at once; after each, two episodes pass without an alarm
+    assert run(cooled, bad[:50]) == [4, 19, 34, 49]
+    limited = ChangeTrigger(SETTINGS.model_copy(update={"budget": 3, "budget_steps": 200}))
+    # three at once; each is back 200 steps later
+    assert run(limited, bad) == [4, 9, 14, 204, 209, 214, 404, 409, 414]
+
+
+def test_an_episode_without_end_is_judged_all_the_same() -> None:
+    settings = SETTINGS.model_copy(update={"longest": 7})
+    endless = [reading(ratio=1e6, gain=-1.0) for _ in range(20)]
+    assert run(ChangeTrigger(settings), endless) == [6, 13]
+
+
+def test_re_planning_forgets_the_evidence() -> None:
+    trigger = ChangeTrigger(SETTINGS)
+    run(trigger, episode(ratio=1e6, gain=-1.0))
+    assert trigger.evidence == -math.inf
+    assert not trigger.suspicious

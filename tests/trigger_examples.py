@@ -1,0 +1,52 @@
+"""Readings, streams and models for the tests of the trigger."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from merap.mdp.model import Floats
+from merap.online.trigger.readings import Readings
+from merap.online.trigger.trigger import Reading
+
+
+def reading(
+    reward: float = 0.0,
+    expected_reward: float = 0.0,
+    *,
+    ratio: float = 1.0,
+    gain: float = 0.0,
+    last: bool = False,
+    policy_value: float = 10.0,
+) -> Reading:
+    """A step whose successor is `ratio` times as likely under each of the three watched changes."""
+    return Reading(
+        reward=reward,
+        expected_reward=expected_reward,
+        log_likelihood=math.log(0.5),
+        log_alternatives=(math.log(0.5) + math.log(ratio),) * 3,
+        gain=gain,
+        gain_variance=0.01,
+        policy_value=policy_value,
+        last=last,
+    )
+
+
+def random_readings(generator: np.random.Generator, length: int, *, level: float, drift: float) -> Readings:
+    """A stream without a model behind it: evidence, gains and ends of episodes at random."""
+    return Readings(
+        reward=generator.normal(drift, 1.0, length),
+        expected_reward=np.zeros(length),
+        log_likelihood=np.log(generator.uniform(0.05, 1.0, length)),
+        log_alternatives=_log_uniform(generator, length) + level,
+        gain=generator.normal(drift, 0.3, length),
+        gain_variance=np.full(length, 0.09),
+        policy_value=3.0,
+        last=generator.random(length) < 0.15,
+    )
+
+
+def _log_uniform(generator: np.random.Generator, length: int) -> Floats:
+    drawn: Floats = np.log(generator.uniform(0.05, 1.0, (length, 3)))
+    return drawn
