@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
+from merap.concerns.combination import ResetMode
 from merap.mdp.model import Floats
 from merap.online.belief.explanation import summarise
 from merap.online.belief.posterior import concern_weights, prior_belief
@@ -14,7 +15,7 @@ from merap.online.belief.strategy import BeliefStrategy
 from merap.online.belief.update import observe_detections
 from merap.online.managed.detection import detections
 from merap.online.running import episode
-from merap.online.systems import ResetMode, SimulatedSystem
+from merap.online.systems import SimulatedSystem
 from tests.belief_routes import STRIP
 from tests.case_examples import GRAPH, write_case
 
