@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from merap.errors import InputError, StorageError
-from merap.online.knowledge.base import KINDS, KnowledgeBase, open_knowledge
+from merap.online.knowledge.base import KnowledgeBase, open_knowledge
 from merap.online.knowledge.reading import PAGE
 from merap.online.knowledge.rows import DecisionRow, EventRow, ObservationRow
 from merap.online.systems import Observation
@@ -191,6 +191,15 @@ def test_times_are_kept_in_utc(knowledge: KnowledgeBase) -> None:
     assert found.time.tzinfo is UTC
 
 
+def test_text_of_any_kind_is_recorded(knowledge: KnowledgeBase) -> None:
+    run = begun(knowledge)
+    rubbish = "answered \0 and \ud800 and \N{SNOWMAN}"
+    knowledge.record_event(run, EventRow(EVENT.time, "executor", "error", rubbish, {"body": rubbish}))
+    (found,) = knowledge.events(run)
+    assert found.message == "answered \N{REPLACEMENT CHARACTER} and ? and \N{SNOWMAN}"
+    assert found.data == {"body": rubbish}
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1: {2}}])
 def test_what_has_no_json_form_is_refused(knowledge: KnowledgeBase, value: object) -> None:
     run = begun(knowledge)
@@ -205,15 +214,21 @@ def test_a_reward_must_be_finite() -> None:
         ObservationRow(2, 3, (0,), 0, float("nan"), 1.0, False)
 
 
-@pytest.mark.parametrize("kind", [*KINDS])
-def test_a_run_that_there_is_not_is_named(knowledge: KnowledgeBase, kind: str) -> None:
+def test_a_run_that_there_is_not_is_named(knowledge: KnowledgeBase) -> None:
     run = begun(knowledge) + 1
-    with pytest.raises(InputError, match=f"there is no run {run}"):
-        knowledge.history(run, (kind,))
-    with pytest.raises(InputError, match=f"there is no run {run}"):
-        knowledge.run(run)
-    with pytest.raises(InputError, match=f"there is no run {run}"):
-        knowledge.record_decision(run, REPLAN)
+    for attempt in (
+        lambda: knowledge.run(run),
+        lambda: [*knowledge.observations(run)],
+        lambda: knowledge.policies(run),
+        lambda: knowledge.counts(run),
+        lambda: knowledge.latest_checkpoint(run),
+        lambda: knowledge.record_decision(run, REPLAN),
+        lambda: knowledge.record_observations(run, [STEP]),
+        lambda: knowledge.record_model(run, "model", b"umb"),
+        lambda: knowledge.finish_run(run, {}),
+    ):
+        with pytest.raises(InputError, match=f"there is no run {run}"):
+            attempt()
 
 
 def test_an_observation_of_a_system_becomes_a_row() -> None:

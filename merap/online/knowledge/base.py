@@ -33,7 +33,7 @@ from merap.online.knowledge.rows import (
     RunRow,
     now,
 )
-from merap.online.knowledge.schema import migrate
+from merap.online.knowledge.schema import current_schema, migrate
 from merap.online.knowledge.store import Store
 from merap.online.knowledge.writing import append, insert_row, store
 
@@ -65,7 +65,11 @@ def open_knowledge(
     require_ours(read, create=create)
     opened = Store(read, patience, notice)
     try:
-        opened.write(partial(migrate, place=opened.place, create=create))
+        found = opened.read(current_schema)
+        if found is None and not create:
+            raise InputError("there is no knowledge base", source=opened.place)
+        if found != tables.SCHEMA:
+            opened.write(partial(migrate, place=opened.place))
     except MerapError:
         opened.close()
         raise
@@ -157,6 +161,7 @@ class KnowledgeBase:
 
     def latest_checkpoint(self, run: int) -> Checkpoint | None:
         """The last state that was recorded; None if there is none."""
+        self._require(run)
         table = tables.Checkpoint
         query = (
             select(table.episode, table.digest)
@@ -193,6 +198,7 @@ class KnowledgeBase:
 
     def counts(self, run: int) -> Mapping[str, int]:
         """How many entries of each kind a run has."""
+        self._require(run)
         return {name: self._store.read(partial(count, table=table, run=run)) for name, table in KINDS.items()}
 
     def observations(self, run: int) -> Iterator[ObservationRow]:
@@ -227,9 +233,12 @@ class KnowledgeBase:
             run: whose.
             kinds: names in KINDS; all by default.
         """
-        self._store.read(partial(last_position, run=run, place=self.place))
+        self._require(run)
         streams = [self._entries(KINDS[kind], run) for kind in kinds]
         return heapq.merge(*streams, key=lambda entry: entry.position)
+
+    def _require(self, run: int) -> None:
+        self._store.read(partial(last_position, run=run, place=self.place))
 
     def _entries(self, table: type[tables.History], run: int) -> Iterator[Entry]:
         # page by page: one long transaction of a reader would let SQLite's log grow

@@ -17,7 +17,7 @@ from sqlalchemy.exc import ArgumentError
 
 from merap.errors import InputError, StorageError
 
-FILE_NAME = "knowledge.sqlite"
+FILE_NAME = "knowledge.db"
 ALLOWED = "sqlite:///FILE or postgresql://USER@HOST/DATABASE"
 APPLICATION = int.from_bytes(b"mrap", "big")  # SQLite's mark for files of an application
 SCHEMA_NAME = "merap"  # of PostgreSQL: our tables beside those of others

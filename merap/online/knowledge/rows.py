@@ -9,10 +9,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from merap.errors import InputError
-from merap.online.systems import Observation
+
+if TYPE_CHECKING:
+    from merap.online.systems import Observation
 
 PolicyKind: TypeAlias = Literal["meta", "adapted"]
 Level: TypeAlias = Literal["debug", "info", "warning", "error"]

@@ -18,25 +18,25 @@ SCRIPTS = "merap.online.knowledge:migrations"
 _ADVISORY = int.from_bytes(hashlib.sha256(b"merap schema").digest()[:8], "big", signed=True)
 
 
-def migrate(connection: Connection, place: str, *, create: bool = True, target: str = SCHEMA) -> None:
+def current_schema(connection: Connection) -> str | None:
+    """The schema of the tables that are there; None if there are none."""
+    return MigrationContext.configure(connection).get_current_revision()
+
+
+def migrate(connection: Connection, place: str, target: str = SCHEMA) -> None:
     """Bring the tables to a schema, inside the transaction of a connection.
 
     Args:
         connection: in a transaction that holds SQLite's write lock.
         place: of the knowledge base, for errors.
-        create: tables that are missing shall be made.
         target: the schema.
 
     Raises:
-        InputError: the schema is newer than this version of merap, or there is none.
+        InputError: the schema is newer than this version of merap.
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY})
-    found = MigrationContext.configure(connection).get_current_revision()
-    if found == target:
-        return
-    if found is None and not create:
-        raise InputError("there is no knowledge base", source=place)
+    found = current_schema(connection)
     config = Config()
     config.set_main_option("script_location", SCRIPTS)
     known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}

@@ -12,6 +12,7 @@ from sqlalchemy import (
     BigInteger,
     DateTime,
     Dialect,
+    Double,
     ForeignKey,
     Index,
     Integer,
@@ -45,6 +46,19 @@ class UtcTime(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC)
 
 
+class PlainText(TypeDecorator[str]):
+    """Text of any origin; PostgreSQL stores no NUL, and neither stores half a character."""
+
+    impl = Text()
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
+        """With a mark in place of what can't be stored."""
+        if value is None:
+            return None
+        return value.encode("utf-8", "replace").decode().replace("\0", "\N{REPLACEMENT CHARACTER}")
+
+
 class StrictJson(TypeDecorator[Any]):
     """JSON without NaN and infinities; numbers and arrays of numpy become plain ones."""
 
@@ -72,7 +86,7 @@ def _plain(value: object) -> object:
 class Base(DeclarativeBase):
     """All tables."""
 
-    type_annotation_map = {datetime: UtcTime(), str: Text()}  # noqa: RUF012 - read by SQLAlchemy
+    type_annotation_map = {datetime: UtcTime(), str: PlainText(), float: Double()}  # noqa: RUF012 - read by SQLAlchemy
 
 
 class Run(Base):
@@ -139,13 +153,13 @@ class Observation(History):
 
     episode: Mapped[int]
     step: Mapped[int]
-    valuation: Mapped[Any] = mapped_column(StrictJson())
+    valuation: Mapped[Any] = mapped_column(StrictJson(), nullable=True)
     action: Mapped[int | None]
     reward: Mapped[float]
     continuation: Mapped[float]
     truncated: Mapped[bool]
     detections: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
-    enabled: Mapped[Any] = mapped_column(StrictJson())
+    enabled: Mapped[Any] = mapped_column(StrictJson(), nullable=True)
 
 
 class Decision(History):
