@@ -1,4 +1,4 @@
-"""Measure merap: bench.py export | adaptation [--json FILE].
+"""Measure merap: bench.py export | adaptation | online [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
+import bench_online
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -46,6 +47,9 @@ endmodule
 label "goal" = row=n-1 & col=n-1;
 rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
 """
+
+
+app.command()(bench_online.online)
 
 
 @app.callback()
