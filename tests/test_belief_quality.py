@@ -9,6 +9,7 @@ from merap.concerns.case_study import load_case
 from merap.experiments.belief_quality import (
     CONDITIONS,
     Condition,
+    Lengths,
     case_figures,
     drawn_figures,
     followed,
@@ -33,7 +34,7 @@ def test_slip_is_in_the_model_that_scores() -> None:
 
 
 def test_a_row_for_each_condition() -> None:
-    rows = list(case_figures(load_case(PAPER / "rq1-3.yaml"), CONDITIONS[::3], range(2), 6))
+    rows = list(case_figures(load_case(PAPER / "rq1-3.yaml"), CONDITIONS[::3], range(2), Lengths(4, 12)))
     assert [row["condition"] for row in rows] == ["none", "both"]
     for row in rows:
         assert row["runs"] == 2
@@ -41,7 +42,7 @@ def test_a_row_for_each_condition() -> None:
 
 
 def test_drawn_cases_are_met_once_each(tmp_path: Path) -> None:
-    rows = list(drawn_figures((0, 1), CONDITIONS[0], 8, tmp_path))
+    rows = list(drawn_figures((0, 1), CONDITIONS[0], Lengths(4, 12), tmp_path))
     assert [row["case"] for row in rows] == ["drawn_0", "drawn_1"]
     assert all(row["explanation"] for row in rows)
 
@@ -51,7 +52,7 @@ def test_covered_cases_take_ten_episodes_at_most_with_slip_and_noise(number: int
     # The bench's 30 seeds need 5 at most: one of these three fails by luck in less than a run of ten.
     met = meeting(load_case(PAPER / f"rq1-{number}.yaml"), CONDITIONS[-1])
     for seed in range(2):
-        run, strategy = followed(met, seed, 13)
+        run, strategy = followed(met, seed, Lengths(4, 13))
         assert run.episodes_to_within_5_percent is not None
         assert run.episodes_to_within_5_percent <= 10
         assert strategy.belief.unexplained == 0

@@ -68,6 +68,12 @@ def test_every_strategy_adapts_through_reset_and_step(met: Encounter, kind: str)
     assert (curve, taken) == curve_and_actions()
 
 
+def test_belief_refines_what_the_run_has_learned(met: Encounter) -> None:
+    strategy = make_strategy("belief", met.context, np.random.default_rng(1))
+    # Before any episode the hypotheses differ in what is best, so the plan can be gained on.
+    assert "the meta policy after exact gradient steps" in strategy.explain()[-1]
+
+
 @pytest.mark.parametrize(
     ("name", "complaint"),
     [

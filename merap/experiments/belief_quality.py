@@ -18,7 +18,7 @@ from merap.experiments.drawn_grids import drawn_case
 from merap.mdp.model import TabularMDP
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
-from merap.online.curve import Range, Run, judged, summary
+from merap.online.curve import Range, Row, Run, judged, lasting, summary
 from merap.online.managed.slip import slipping_model
 from merap.online.running import adaptation, evaluator, reachable_range
 from merap.online.systems import SimulatedSystem
@@ -74,52 +74,74 @@ def meeting(case: CaseStudy, condition: Condition, hypotheses: HypothesisSpace |
     return Meeting(system, condition, hypotheses or hypothesis_space(case), model, reachable)
 
 
-def followed(met: Meeting, seed: int, max_episodes: int) -> tuple[Run, BeliefStrategy]:
+@dataclass(frozen=True)
+class Lengths:
+    """How long an adaptation is followed: until it is within 5 percent for good, but within these limits.
+
+    Attributes:
+        least: real episodes at least, over which regret is summed.
+        most: real episodes at most.
+    """
+
+    least: int = 20
+    most: int = 60
+
+
+def followed(met: Meeting, seed: int, lengths: Lengths) -> tuple[Run, BeliefStrategy]:
     """One adaptation, and the strategy as it is after it."""
     of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-    horizon = met.system.objective.horizon
+    horizon, condition, reachable = met.system.objective.horizon, met.condition, met.reachable
     strategy = BeliefStrategy(met.hypotheses, horizon, of_strategy)
-    condition = met.condition
     simulated = SimulatedSystem(met.system, horizon, of_system, slip=condition.slip, noise=condition.noise)
-    rows = list(adaptation(simulated, strategy, evaluator(met.model, horizon), max_episodes))
-    return judged(seed, rows, met.reachable), strategy
+    rows: list[Row] = []
+    for row in adaptation(simulated, strategy, evaluator(met.model, horizon), lengths.most):
+        rows.append(row)
+        near = [reachable.within_5_percent(one.expected_return) for one in rows]
+        if row.episodes >= lengths.least and lasting(near) is not None:
+            break
+    return judged(seed, rows, reachable), strategy
+
+
+def regret(met: Meeting, run: Run, episodes: int) -> float:
+    """Optimum minus what the first real episodes returned, summed: with exploration, noise and luck."""
+    returns = [row.sampled_return for row in run.curve[1 : episodes + 1] if row.sampled_return is not None]
+    return sum(met.reachable.optimum - earned for earned in returns)
 
 
 def case_figures(
-    case: CaseStudy, conditions: Sequence[Condition], seeds: Sequence[int], max_episodes: int
+    case: CaseStudy, conditions: Sequence[Condition], seeds: Sequence[int], lengths: Lengths
 ) -> Iterator[dict[str, Any]]:
-    """A row for each condition: `curve.summary` over the seeds."""
+    """A row for each condition: `curve.summary` over the seeds, and regrets."""
     hypotheses = hypothesis_space(case)
     for condition in conditions:
         met = meeting(case, condition, hypotheses)
-        runs = [followed(met, seed, max_episodes)[0] for seed in seeds]
+        runs = [followed(met, seed, lengths)[0] for seed in seeds]
         yield {
             "case": case.name,
             "condition": condition.name,
             "outside": outside_of(case),
             "optimum": met.reachable.optimum,
-            "mean_sampled_regret_of_first_episode": float(
-                np.mean([met.reachable.optimum - (run.curve[1].sampled_return or 0.0) for run in runs])
-            ),
+            "regret_of_first": float(np.mean([regret(met, run, 1) for run in runs])),
+            "regret_of_least": float(np.mean([regret(met, run, lengths.least) for run in runs])),
             **summary(runs),
         }
 
 
 def drawn_figures(
-    numbers: Sequence[int], condition: Condition, max_episodes: int, folder: Path
+    numbers: Sequence[int], condition: Condition, lengths: Lengths, folder: Path
 ) -> Iterator[dict[str, Any]]:
     """A row for each drawn case, met once.
 
     Args:
         numbers: of the cases.
         condition: under which.
-        max_episodes: real episodes at most.
+        lengths: how long each is followed.
         folder: where case files may be written.
     """
     for number in numbers:
         case = drawn_case(number, folder)
         met = meeting(case, condition)
-        run, strategy = followed(met, number, max_episodes)
+        run, strategy = followed(met, number, lengths)
         yield {
             "case": case.name,
             "condition": condition.name,
@@ -129,7 +151,7 @@ def drawn_figures(
             "optimum": met.reachable.optimum,
             "final": run.curve[-1].expected_return,
             "episodes": run.episodes_to_within_5_percent,
-            "regret": run.sampled_regret,
+            "regret": regret(met, run, lengths.least),
             "explanation": strategy.explain(),
         }
 
