@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from merap.cli import options
-from merap.cli.output import err, number, require_free_report, say, table, warn, write_json
+from merap.cli.output import job_bar, number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
@@ -75,7 +73,7 @@ def train(
         seconds.append(metrics.seconds)
         bar.update(job, completed=metrics.update, note=f"adapted return {metrics.adapted_return:.3f}")
 
-    with _progress() as bar:
+    with job_bar() as bar:
         job = bar.add_task("Training", total=run.config.updates, note="")
         running.train_run(run, show)
     say(f"{len(run.names)} tasks, {len(seconds)} updates in {sum(seconds):.1f} s; the run is in {run.path}")
@@ -126,7 +124,7 @@ def adapt(
         conditions=adaptation.Conditions(reward_noise, slip, reset),
     )
     report: Adaptation | Spread
-    with _progress() as bar:
+    with job_bar() as bar:
         job = bar.add_task("Adapting", total=len(chosen) * steps * (3 if spread else 1), note="")
 
         def count() -> None:
@@ -205,17 +203,3 @@ def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -
         *save_figure(draw_before_after(met, *paths), folder / "map", force=force),
     ]
     say("wrote " + ", ".join(str(path) for path in written))
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """A bar with rate and time left on standard error, where a person watches."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[note]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        yield bar

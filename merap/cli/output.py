@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
 from rich.table import Table
 
 from merap.base.folder import write_file
@@ -53,6 +54,20 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     yield from track(
         items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal
     )
+
+
+@contextmanager
+def job_bar() -> Iterator[Progress]:
+    """A bar with rate and time left on standard error, where a person watches."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        yield bar
 
 
 def require_free_report(path: Path | None, *, force: bool) -> None:
