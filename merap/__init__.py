@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from merap.learning.running import train
     from merap.mdp.model import TabularMDP
     from merap.online.adaptation import adapt
+    from merap.online.loop.running import run_loop
     from merap.prism.rendering import render
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "build_base",
     "load_case",
     "render",
+    "run_loop",
     "train",
     "verify",
 ]
@@ -39,6 +41,7 @@ _HOMES = {
     "build_base": "merap.base.build",
     "load_case": "merap.concerns.case_study",
     "render": "merap.prism.rendering",
+    "run_loop": "merap.online.loop.running",
     "train": "merap.learning.running",
     "verify": "merap.checker.verdicts",
 }

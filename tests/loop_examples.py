@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
+from merap.mdp.model import Bools, Floats
+from merap.online.loop.messages import Monitored, Sighting, Transition
 from merap.online.systems import Observation
+from merap.online.trigger.trigger import Alarm, Reading
 
 NUM_ACTIONS = 5
 
@@ -25,4 +31,74 @@ def seen(
         reward=reward,
         continuation=0.0 if ended else 1.0,
         truncated=truncated,
+    )
+
+
+class Doubtful:
+    """A trigger that alarms at the first thing its model holds all but impossible."""
+
+    def __init__(self) -> None:
+        self.readings: list[Reading] = []
+        self.replannings = 0
+
+    def observe(self, reading: Reading) -> Alarm | None:
+        self.readings.append(reading)
+        if reading.log_likelihood > math.log(1e-3):
+            return None
+        return Alarm("change", reading.log_likelihood, math.log(1e-3), "what happened was held impossible")
+
+    def replanned(self) -> None:
+        self.replannings += 1
+
+
+class Told:
+    """A strategy that takes down what it is told, and always takes one action."""
+
+    def __init__(
+        self, action: int = 0, episodes_per_update: int = 1, shape: tuple[int, int] = (82, 5)
+    ) -> None:
+        self.action, self.episodes_per_update, self.shape = action, episodes_per_update, shape
+        self.calls: list[str] = []
+
+    def begin(self, observation: Observation) -> None:
+        self.calls.append(f"begin {observation.valuation[:2].tolist()}")
+
+    def act(self, allowed: Bools) -> int:
+        assert allowed[self.action]
+        return self.action
+
+    def observe(self, action: int, observation: Observation) -> None:
+        self.calls.append(f"{action} to {observation.valuation[:2].tolist()}")
+
+    def update(self) -> None:
+        self.calls.append("update")
+
+    def policy(self) -> Floats:
+        return np.broadcast_to(np.eye(self.shape[1])[self.action], self.shape)
+
+    def explain(self) -> tuple[str, ...]:
+        return ("always the same",)
+
+
+def monitored(
+    state: int | None,
+    news: Sequence[Transition | Sighting] = (),
+    *,
+    step: int = 0,
+    seen_state: int | None = None,
+    since: tuple[int, ...] = (),
+    problems: tuple[str, ...] = (),
+    last: bool = False,
+) -> Monitored:
+    """A message of the monitor in the first episode, all actions enabled."""
+    return Monitored(
+        episode=0,
+        step=step,
+        news=tuple(news),
+        enabled=np.ones(NUM_ACTIONS, dtype=np.bool_),
+        state=state,
+        seen=state if seen_state is None else seen_state,
+        since=since,
+        problems=problems,
+        last=last,
     )

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from merap.online.loop.messages import Execution, Monitored, Sighting, Transition
@@ -94,3 +96,11 @@ def test_an_episode_that_was_given_up_is_over() -> None:
     over = watching.begin(Execution(None, None, "refused", over=True))
     assert over.last
     assert not watching.begin(Execution(None, seen(0, 0, 0.0))).last
+
+
+def test_the_action_is_the_one_that_the_system_has_taken() -> None:
+    """A guard in between may have fallen back on another one."""
+    watching = monitor()
+    watching.begin(Execution(None, seen(0, 0, 0.0)))
+    fallen_back = watching.observe(Execution(RIGHT, replace(seen(1, 0), taken=DOWN)))
+    assert news(fallen_back) == [(0, DOWN, 9)]

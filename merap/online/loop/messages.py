@@ -42,12 +42,14 @@ class Transition:
     """A step that was seen whole.
 
     Attributes:
+        time: so many steps of the episode were over when it began.
         state: where it began.
         action: what was done.
         target: where it led, S - 1 if the task ended.
         observation: of its end.
     """
 
+    time: int
     state: int
     action: int
     target: int
@@ -132,10 +134,8 @@ class AdaptedPolicy:
         update: of this adaptation; 0: before the first one.
         table: float64 [S, A] or [T, S, A].
         reasons: what the learner concluded, in plain lines.
-        settled: the adaptation is over, and the policy is carried out as it is.
     """
 
     update: int
     table: Floats = field(repr=False)
     reasons: tuple[str, ...]
-    settled: bool

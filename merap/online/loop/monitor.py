@@ -44,7 +44,8 @@ class Monitor:
     def observe(self, execution: Execution) -> Monitored:
         """A step has been taken."""
         assert execution.action is not None
-        self._actions.append(execution.action)
+        taken = None if execution.observation is None else execution.observation.taken
+        self._actions.append(execution.action if taken is None else taken)
         return self._receive(execution)
 
     def _receive(self, execution: Execution) -> Monitored:
@@ -79,5 +80,5 @@ class Monitor:
         self._seen, self._seen_at = sighting, sensed.step
         if before is None or not follows:
             return sighting
-        action = self._actions[sensed.step - 1]
-        return Transition(before.state, action, sighting.state, sighting.observation)
+        time = sensed.step - 1
+        return Transition(time, before.state, self._actions[time], sighting.state, sighting.observation)

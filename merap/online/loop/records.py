@@ -6,8 +6,9 @@ Axes: A declared actions.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
+from merap.mdp.model import TabularMDP
 from merap.online.loop.messages import AdaptedPolicy, Execution, Phase
 
 Kind = Literal["replan", "update", "settled", "fallback"]
@@ -52,6 +53,7 @@ class EpisodeLog:
         decisions: in order.
         problems: in order.
         policy: after the episode, if it was updated.
+        model: the analyzer's, if adaptation ended with the episode.
         seconds: of wall time.
     """
 
@@ -61,6 +63,7 @@ class EpisodeLog:
     decisions: tuple[Decision, ...]
     problems: tuple[Problem, ...]
     policy: AdaptedPolicy | None
+    model: TabularMDP | None = field(repr=False)
     seconds: float
 
     def count(self, kind: Kind) -> int:
@@ -107,8 +110,3 @@ class EpisodeRow:
     updates: int
     fallbacks: int
     problems: int
-
-    @staticmethod
-    def of(content: dict[str, Any]) -> EpisodeRow:
-        """From JSON; the inverse of `dataclasses.asdict`."""
-        return EpisodeRow(**content)

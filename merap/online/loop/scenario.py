@@ -55,7 +55,7 @@ class Scenario:
 
     def settings(self) -> dict[str, Any]:
         """All settings as JSON has them, defaults included."""
-        return self.spec.model_dump(mode="json")
+        return self.spec.model_dump(mode="json", warnings=False)
 
     def stages(self, case: CaseStudy) -> tuple[Stage, ...]:
         """The systems that are in force, in order.

@@ -59,7 +59,7 @@ class StrategySpec(Spec):
     updates: int = Field(
         default=10,
         ge=1,
-        description="policy updates of an adaptation; then the policy is carried out as it is",
+        description="policy updates of an adaptation, at least; then the policy is carried out as it is",
     )
     replan_from: Literal["meta", "adapted"] = Field(
         default="meta", description="where re-planning starts: from the meta policy, or from the adapted one"

@@ -75,6 +75,11 @@ class ScenarioSystem:
         return self._number
 
     @property
+    def episode(self) -> int:
+        """The number of the episode, counted from 0."""
+        return self._episode
+
+    @property
     def truth(self) -> Truth:
         """What is really there now."""
         return self._truths[self._number]

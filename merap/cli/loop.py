@@ -1,0 +1,124 @@
+"""`run`: the MAPE-K loop on a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from merap.cli import options
+from merap.cli.output import job_bar, number, require_free_report, say, table, write_json
+from merap.errors import OutputError
+
+if TYPE_CHECKING:
+    from merap.online.loop.scores import LoopReport
+
+DATABASE = "knowledge.db"
+PICTURE = "timeline"
+REPORT = "report.json"
+
+
+def register(app: typer.Typer) -> None:
+    """Add these verbs."""
+    app.command()(run)
+
+
+def run(
+    run_folder: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Folder of a training run.", show_default=False)
+    ],
+    scenario: Annotated[
+        Path,
+        typer.Option("--scenario", help="A scenario file: what is met, what changes.", show_default=False),
+    ],
+    db: Annotated[
+        str | None, typer.Option("--db", help="URL of the knowledge base; RUN/knowledge.db by default.")
+    ] = None,
+    manager: Annotated[
+        str, typer.Option(help="merap, or to compare with: none, random, static, reactive.")
+    ] = "merap",
+    resume: Annotated[
+        bool, typer.Option(help="Go on with the last run of this scenario, from where it was killed.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the report and the timeline (PNG, SVG).")
+    ] = None,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """Control a system that changes: monitor, analyse, plan, execute, learn."""
+    from merap.learning.run_folder import read_run
+    from merap.online.knowledge.base import open_knowledge
+    from merap.online.loop.running import run_loop
+    from merap.online.loop.scenario import read_scenario
+
+    require_free_report(json, force=force)
+    if out is not None:
+        _require_free(out, force=force)
+    read = read_scenario(scenario)
+    opened = read_run(run_folder)
+    url = f"sqlite:///{run_folder / DATABASE}" if db is None else db
+    with open_knowledge(url) as knowledge, job_bar() as bar:
+        job = bar.add_task("Running", total=read.spec.episodes, note="")
+        report = run_loop(
+            opened,
+            read,
+            manager=manager,
+            knowledge=knowledge,
+            resume=resume,
+            on_episode=lambda row: bar.update(job, completed=row.episode + 1, note=f"{row.earned:.4g}"),
+        )
+    write_json(json, report.as_dict(), force=force)
+    if out is not None:
+        _write(report, out, force=force)
+    if str(json) != "-":
+        _show(report)
+
+
+def _require_free(folder: Path, *, force: bool) -> None:
+    for name in (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"):
+        if (folder / name).exists() and not force:
+            raise OutputError(f"{folder / name}: exists already; choose another folder, or use --force")
+
+
+def _write(report: LoopReport, folder: Path, *, force: bool) -> None:
+    from merap.report.saving import save_figure
+    from merap.report.timeline import draw_timeline
+
+    write_json(folder / REPORT, report.as_dict(), force=force)
+    pictures = save_figure(draw_timeline(report), folder / PICTURE, force=force)
+    say("wrote " + ", ".join(str(path) for path in (folder / REPORT, *pictures)))
+
+
+def _show(report: LoopReport) -> None:
+    """A row for each change, then the sums."""
+    rows = [
+        (
+            str(reaction.episode),
+            ", ".join(reaction.changed),
+            _whole(reaction.replanned),
+            _whole(reaction.episodes),
+            _whole(reaction.steps),
+            number(report.seconds_to_recover(reaction), 3),
+            number(reaction.lost, 4),
+        )
+        for reaction in report.reactions
+    ]
+    columns = ("change at", "of", "re-planned at", "episodes", "steps", "seconds", "lost")
+    if rows:
+        table(columns, rows)
+    found = report.as_dict()["summary"]
+    say(
+        f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average, "
+        f"{number(found['mean_optimum'], 4)} was possible; {found['completed']} completed, "
+        f"{found['unsafe_visits']} unsafe visits"
+    )
+    say(
+        f"{found['adaptations']} re-plannings, {found['policy_updates']} policy updates; recovered from "
+        f"{found['changes_recovered_from']} of {found['changes']} changes"
+    )
+
+
+def _whole(value: int | None) -> str:
+    return "-" if value is None else str(value)

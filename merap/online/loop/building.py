@@ -1,0 +1,110 @@
+"""Puts the parts of a loop together for a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.learning.run_folder import RunFolder
+from merap.online.loop.analyzer import Analyzer
+from merap.online.loop.deadline import Punctual
+from merap.online.loop.executor import Executor
+from merap.online.loop.learner import Learner
+from merap.online.loop.loop import Parts
+from merap.online.loop.managers import make_manager
+from merap.online.loop.memory import NOTHING, Past
+from merap.online.loop.monitor import Monitor
+from merap.online.loop.planner import Planner
+from merap.online.loop.recorded_system import RecordedSystem
+from merap.online.loop.scenario import Scenario
+from merap.online.loop.scenario_system import ScenarioSystem
+from merap.online.loop.sensors import Sensors
+from merap.online.loop.truth import Truth, truths
+from merap.online.shield.shield import Shield
+from merap.online.strategies.registry import StrategyContext
+from merap.online.systems import ManagedSystem
+from merap.online.trigger.making import make_trigger
+from merap.online.trigger.settings import ChangeSettings, TriggerSettings, read_trigger
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A loop and what it meets.
+
+    Attributes:
+        parts: of the loop.
+        system: that is controlled.
+        truths: what is really there, stage by stage.
+        shield: None: there is none.
+        adapts: whether the policy is adapted before it is carried out.
+    """
+
+    parts: Parts
+    system: ScenarioSystem
+    truths: tuple[Truth, ...]
+    shield: Shield | None
+    adapts: bool
+
+
+Guard = Callable[[ManagedSystem], ManagedSystem]
+
+
+def unguarded(system: ManagedSystem) -> ManagedSystem:
+    """The system as it is."""
+    return system
+
+
+def build(
+    run: RunFolder, scenario: Scenario, manager: str, past: Past = NOTHING, guard: Guard = unguarded
+) -> Built:
+    """A loop before its first episode.
+
+    Args:
+        run: a finished training run.
+        scenario: what is met.
+        manager: one of `managers.MANAGERS`.
+        past: episodes that are repeated from records before the system is used.
+        guard: what stands between the loop and the system.
+
+    Raises:
+        InputError: the scenario does not fit the case, or a name is unknown.
+    """
+    spec, case = scenario.spec, run.case
+    fallback = scenario.action(case)
+    stages = truths(scenario.stages(case), spec.noise.slip)
+    horizon = stages[0].stage.system.objective.horizon
+    drawn = np.random.default_rng(spec.seed).spawn(4)
+    of_system, of_sensors, of_learner, of_planner = drawn
+    context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step)
+    chosen = make_manager(manager, spec.strategy, context)
+    restart = spec.strategy.replan_from == "meta"
+    learner = Learner(chosen.make, of_learner, restart=restart)
+    settings = _trigger_settings(scenario)
+    trigger = make_trigger(settings) if chosen.replans else None
+    readings = settings if isinstance(settings, ChangeSettings) else None
+    analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
+    shield = None
+    system = ScenarioSystem(stages, spec.noise, spec.reset, of_system)
+    punctual: Punctual[int] = Punctual(spec.deadline.seconds)
+    late = frozenset((one.row.episode, step) for one in past.episodes for step in one.late)
+    parts = Parts(
+        monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
+        analyzer=analyzer,
+        learner=learner,
+        planner=Planner(learner, fallback, punctual, of_planner, late),
+        executor=Executor(RecordedSystem(past.episodes, guard(system)), shield),
+        punctual=punctual,
+    )
+    return Built(parts, system, stages, shield, chosen.updates != 0)
+
+
+def _trigger_settings(scenario: Scenario) -> TriggerSettings:
+    """Those of the file; the noise on rewards is stated to the trigger."""
+    spec = scenario.spec
+    given = dict(spec.trigger.settings)
+    if spec.trigger.kind == "change" and spec.noise.reward > 0:
+        given = {"noise": spec.noise.reward, **given}
+    with scenario.document.at("trigger"):
+        return read_trigger(spec.trigger.kind, given)

@@ -1,0 +1,129 @@
+"""The loop: monitor, analyse, plan, execute, and learn, episode by episode."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from merap.mdp.model import Floats, TabularMDP
+from merap.online.loop.analyzer import Analyzer
+from merap.online.loop.deadline import Punctual
+from merap.online.loop.executor import Executor
+from merap.online.loop.learner import Learner
+from merap.online.loop.messages import AdaptedPolicy, Analysis, Execution, Monitored, Phase, Plan
+from merap.online.loop.monitor import Monitor
+from merap.online.loop.planner import Planner
+from merap.online.loop.records import Decision, EpisodeLog, Kind, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The parts of a loop, made for one run of it."""
+
+    monitor: Monitor
+    analyzer: Analyzer
+    learner: Learner
+    planner: Planner
+    executor: Executor
+    punctual: Punctual[Any]
+
+
+class Loop:
+    """Controls a managed system through its parts.
+
+    Args:
+        parts: fresh ones.
+        adapts: whether the policy is adapted before it is carried out.
+    """
+
+    def __init__(self, parts: Parts, *, adapts: bool = True) -> None:
+        self._parts = parts
+        self._episode = -1
+        self._phase: Phase = "adapting"
+        parts.planner.adopt(parts.learner.policy().table)
+        if not adapts:
+            self._settle(parts.learner.policy().table)
+
+    def episode(self) -> EpisodeLog:
+        """One episode, whatever the system does."""
+        begun = time.monotonic()
+        self._episode += 1
+        phase = self._phase
+        self._executions: list[Execution] = []
+        self._decisions: list[Decision] = []
+        self._problems: list[Problem] = []
+        self._model: TabularMDP | None = None
+        parts = self._parts
+        parts.learner.begin()
+        monitored, analysis = self._take_in(parts.executor.reset())
+        while not monitored.last:
+            monitored, analysis = self._take_in(parts.executor.execute(self._plan(monitored, analysis)))
+        parts.executor.end(monitored)
+        policy = self._learn(monitored)
+        return EpisodeLog(
+            episode=self._episode,
+            phase=phase,
+            executions=tuple(self._executions),
+            decisions=tuple(self._decisions),
+            problems=tuple(self._problems),
+            policy=policy,
+            model=self._model,
+            seconds=time.monotonic() - begun,
+        )
+
+    def _take_in(self, execution: Execution) -> tuple[Monitored, Analysis]:
+        """Monitor and analyse what has come back."""
+        self._executions.append(execution)
+        parts = self._parts
+        monitored = (
+            parts.monitor.begin(execution) if execution.action is None else parts.monitor.observe(execution)
+        )
+        self._problems += [Problem(monitored.step, message) for message in monitored.problems]
+        analysis = parts.analyzer.analyse(monitored)
+        if analysis.replan:
+            self._decide(monitored, "replan", analysis.reasons)
+            parts.punctual.later(self._replan)
+        self._phase = analysis.phase
+        if analysis.phase == "adapting":
+            parts.punctual.later(lambda: parts.learner.observe(monitored))
+        return monitored, analysis
+
+    def _replan(self) -> None:
+        self._parts.learner.replan()
+        self._parts.planner.adopt(self._parts.learner.policy().table)
+
+    def _plan(self, monitored: Monitored, analysis: Analysis) -> Plan:
+        parts = self._parts
+        allowed = parts.executor.allowed(monitored, analysis)
+        if monitored.problems:
+            plan, reason = parts.planner.fall_back(allowed), monitored.problems[-1]
+        else:
+            plan, reason = parts.planner.plan(monitored, analysis, allowed), "the plan was late"
+        if plan.source == "fallback":
+            self._decide(monitored, "fallback", (reason,))
+        return plan
+
+    def _learn(self, monitored: Monitored) -> AdaptedPolicy | None:
+        """The episode is over."""
+        parts = self._parts
+        parts.punctual.finish()
+        if self._phase == "executing":
+            return None
+        policy = parts.learner.end()
+        if policy is None:
+            return None
+        self._decide(monitored, "update", policy.reasons)
+        parts.planner.adopt(policy.table)
+        if parts.analyzer.enough(policy):
+            self._decide(monitored, "settled", parts.analyzer.explain())
+            self._settle(policy.table)
+        return policy
+
+    def _settle(self, table: Floats) -> None:
+        self._phase = "executing"
+        self._parts.analyzer.settle(table)
+        self._model = self._parts.analyzer.tabular()
+
+    def _decide(self, monitored: Monitored, kind: Kind, reasons: tuple[str, ...]) -> None:
+        self._decisions.append(Decision(monitored.step, kind, reasons))

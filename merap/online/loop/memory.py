@@ -1,0 +1,180 @@
+"""Where a run of the loop is kept, episode by episode, and how it is taken up again.
+
+An episode is committed as a whole, after its end: what was killed amid an episode goes on with that
+episode anew, and all before it is there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save
+
+from merap.errors import InputError
+from merap.mdp.graph import restrict_to_reachable
+from merap.mdp.model import TabularMDP
+from merap.mdp.umb import write_umb
+from merap.online.knowledge.base import KnowledgeBase
+from merap.online.knowledge.rows import DecisionRow, EventRow, Level, ObservationRow, now
+from merap.online.loop.messages import Execution
+from merap.online.loop.records import EpisodeLog, EpisodeRow
+
+EPISODE = "episode"
+FALLBACK = "fallback"
+# Decisions that are lines of the log, with who says them and how bad they are.
+_TOLD: Mapping[str, tuple[str, Level]] = {
+    "replan": ("analyzer", "info"),
+    "settled": ("analyzer", "info"),
+    FALLBACK: ("planner", "warning"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """An episode of an earlier process.
+
+    Attributes:
+        row: of the report.
+        seconds: of wall time.
+        observations: after the reset and after every step.
+        late: steps whose plan was replaced by the fallback.
+        taken: step -> the action that the system took in place of the one it was asked for.
+    """
+
+    row: EpisodeRow
+    seconds: float
+    observations: tuple[ObservationRow, ...] = field(repr=False)
+    late: frozenset[int]
+    taken: Mapping[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """All that was committed.
+
+    Attributes:
+        episodes: in order.
+        system: the simulated system's state after them; None: it has none that can be recorded.
+    """
+
+    episodes: tuple[Recorded, ...] = ()
+    system: Mapping[str, Any] | None = None
+
+
+NOTHING = Past()
+
+
+class Memory:
+    """A run in a knowledge base.
+
+    Args:
+        knowledge: open.
+        run: the run's number there.
+    """
+
+    def __init__(self, knowledge: KnowledgeBase, run: int) -> None:
+        self._knowledge = knowledge
+        self._run = run
+
+    def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any]) -> None:
+        """Keep an episode and the state of the system after it, or nothing of it."""
+        knowledge, run = self._knowledge, self._run
+        with knowledge.transaction():
+            knowledge.record_observations(run, observation_rows(log))
+            for decision in log.decisions:
+                knowledge.record_decision(
+                    run, DecisionRow(log.episode, decision.step, decision.kind, decision.reasons)
+                )
+            content = {"row": asdict(row), "seconds": log.seconds, "taken": _taken(log)}
+            knowledge.record_decision(run, DecisionRow(log.episode, row.steps, EPISODE, (), content))
+            if log.policy is not None:
+                model = None
+                if log.model is not None:
+                    model = knowledge.record_model(run, f"analysis_{log.episode}", umb_bytes(log.model))
+                tensors = save({"policy": np.ascontiguousarray(log.policy.table)})
+                knowledge.record_policy(run, "adapted", log.policy.update, tensors, model)
+            self._tell(log, row)
+            knowledge.record_checkpoint(run, log.episode + 1, json.dumps(system).encode())
+
+    def finish(self, report: Mapping[str, Any]) -> None:
+        """Keep the report, if there is none."""
+        if self._knowledge.run(self._run).finished is None:
+            self._knowledge.finish_run(self._run, report)
+
+    def _tell(self, log: EpisodeLog, row: EpisodeRow) -> None:
+        """The log: what went wrong, what was decided, how the episode ended."""
+        for problem in log.problems:
+            self._event("executor", "warning", problem.message, log.episode, problem.step)
+        for decision in log.decisions:
+            if decision.kind in _TOLD:
+                message = f"{decision.kind}: {'; '.join(decision.reasons)}"
+                self._event(*_TOLD[decision.kind], message, log.episode, decision.step)
+        message = f"episode {row.episode} returned {row.earned:.4g} of {row.optimum:.4g}"
+        self._event("monitor", "info", message, log.episode, row.steps)
+
+    def _event(self, component: str, level: Level, message: str, episode: int, step: int) -> None:
+        row = EventRow(now(), component, level, message, {"episode": episode, "step": step})
+        self._knowledge.record_event(self._run, row)
+
+
+def umb_bytes(model: TabularMDP) -> bytes:
+    """The UMB archive of a model."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "model.umb"
+        write_umb(restrict_to_reachable(model), path)
+        return path.read_bytes()
+
+
+def observation_rows(log: EpisodeLog) -> list[ObservationRow]:
+    """The observations of an episode; where there was none, a row says so."""
+    return [_observation_row(log.episode, step, execution) for step, execution in enumerate(log.executions)]
+
+
+def _observation_row(episode: int, step: int, execution: Execution) -> ObservationRow:
+    if execution.observation is None:
+        return ObservationRow(episode, step, None, execution.action, 0.0, 1.0, False)
+    return ObservationRow.of(episode, step, execution.action, execution.observation)
+
+
+def _taken(log: EpisodeLog) -> dict[str, int]:
+    """Step -> the action that was taken in place of another one; keys as JSON has them."""
+    return {
+        str(step): execution.observation.taken
+        for step, execution in enumerate(log.executions)
+        if execution.observation is not None and execution.observation.taken is not None
+    }
+
+
+def recall(knowledge: KnowledgeBase, run: int) -> Past:
+    """What was committed of a run.
+
+    Raises:
+        InputError: it does not fit together.
+    """
+    checkpoint = knowledge.latest_checkpoint(run)
+    if checkpoint is None:
+        return NOTHING
+    decisions = list(knowledge.decisions(run))
+    try:
+        system = json.loads(checkpoint.state)
+        ended = [decision.data for decision in decisions if decision.kind == EPISODE]
+        rows = [EpisodeRow(**content["row"]) for content in ended]
+        seconds = [float(content["seconds"]) for content in ended]
+        taken = [{int(step): int(action) for step, action in content["taken"].items()} for content in ended]
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"run {run} of the knowledge base is not one of a loop: {error}") from error
+    observations: list[list[ObservationRow]] = [[] for _ in rows]
+    for row in knowledge.observations(run):
+        observations[row.episode].append(row)
+    late = [
+        frozenset(one.step for one in decisions if one.kind == FALLBACK and one.episode == number)
+        for number in range(len(rows))
+    ]
+    episodes = map(Recorded, rows, seconds, map(tuple, observations), late, taken)
+    return Past(tuple(episodes), system)

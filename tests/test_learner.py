@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import numpy as np
+
+from merap.online.loop.learner import Learner
+from merap.online.loop.messages import Sighting, Transition
+from tests.loop_examples import Told, monitored, seen
+
+START = Sighting(0, seen(0, 0))
+RIGHT = Transition(0, 0, 4, 1, seen(0, 1))
+ENDED = Transition(0, 1, 0, 81, seen(-1, -1, 10.0, ended=True))
+
+
+def learner(made: list[Told], per_update: int = 1, *, restart: bool = True) -> Learner:
+    def make(generator: np.random.Generator) -> Told:
+        made.append(Told(episodes_per_update=per_update))
+        return made[-1]
+
+    return Learner(make, np.random.default_rng(0), restart=restart)
+
+
+def episode(learning: Learner) -> int | None:
+    """A step to the right, and the end; the number of the update, if there was one."""
+    learning.begin()
+    for news in (START, RIGHT, ENDED):
+        learning.observe(monitored(0, [news]))
+    policy = learning.end()
+    return None if policy is None else policy.update
+
+
+def test_the_strategy_is_told_the_episode_and_updated_after_it() -> None:
+    made: list[Told] = []
+    learning = learner(made)
+    assert episode(learning) == 1
+    assert made[0].calls == ["begin [0, 0]", "4 to [0, 1]", "0 to [-1, -1]", "update"]
+
+
+def test_an_update_takes_as_many_episodes_as_the_strategy_wants() -> None:
+    learning = learner([], per_update=3)
+    assert [episode(learning) for _ in range(7)] == [None, None, 1, None, None, 2, None]
+
+
+def test_replanning_starts_from_a_fresh_strategy() -> None:
+    made: list[Told] = []
+    learning = learner(made)
+    assert [episode(learning), episode(learning)] == [1, 2]
+    learning.replan()
+    assert len(made) == 2
+    assert made[1].calls == []
+    assert episode(learning) == 1
+
+
+def test_replanning_may_start_from_the_adapted_policy() -> None:
+    made: list[Told] = []
+    learning = learner(made, restart=False)
+    episode(learning)
+    learning.replan()
+    assert len(made) == 1
+    assert episode(learning) == 1
+
+
+def test_a_replanning_amid_an_episode_begins_where_the_system_is() -> None:
+    made: list[Told] = []
+    learning = learner(made)
+    learning.begin()
+    learning.observe(monitored(0, [START]))
+    learning.replan()
+    ready = [learning.ready]
+    learning.observe(monitored(1, [RIGHT]))
+    ready.append(learning.ready)
+    assert ready == [False, True]
+    assert made[1].calls == ["begin [0, 1]"]
+
+
+def test_after_a_gap_the_strategy_begins_anew() -> None:
+    made: list[Told] = []
+    learning = learner(made)
+    learning.begin()
+    for news in (START, Sighting(20, seen(2, 2)), Transition(0, 20, 4, 21, seen(2, 3))):
+        learning.observe(monitored(None, [news]))
+    assert made[0].calls == ["begin [0, 0]", "begin [2, 2]", "4 to [2, 3]"]
+
+
+def test_an_episode_of_which_nothing_was_seen_is_none() -> None:
+    made: list[Told] = []
+    learning = learner(made)
+    learning.begin()
+    learning.observe(monitored(81, [Sighting(81, seen(-1, -1, ended=True))], last=True))
+    assert learning.end() is None
+    assert made[0].calls == []
+
+
+def test_every_strategy_draws_on_its_own() -> None:
+    drawn: list[float] = []
+
+    def make(generator: np.random.Generator) -> Told:
+        drawn.append(generator.random())
+        return Told()
+
+    learning = Learner(make, np.random.default_rng(0))
+    learning.replan()
+    assert len(set(drawn)) == 2

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from merap.learning.run_folder import RunFolder
+from merap.online.loop.building import Built, build
+from merap.online.loop.executor import MAX_FAULTS
+from merap.online.loop.loop import Loop
+from merap.online.loop.records import EpisodeLog
+from tests.loop_runs import MOVED, Unsound, doubtful, scenario
+from tests.trained_runs import trained
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return trained(tmp_path_factory.mktemp("runs") / "run")
+
+
+def episodes(built: Built, count: int) -> list[EpisodeLog]:
+    loop = Loop(built.parts, adapts=built.adapts)
+    return [loop.episode() for _ in range(count)]
+
+
+def decisions(logs: list[EpisodeLog]) -> list[list[str]]:
+    return [[decision.kind for decision in log.decisions] for log in logs]
+
+
+def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: Path) -> None:
+    """Three updates, then the policy is carried out until the goal is not where it was."""
+    built = doubtful(run, scenario(tmp_path, MOVED.replace("episodes: 10", "episodes: 16")))
+    logs = episodes(built, 16)
+    assert [log.phase for log in logs[:6]] == ["adapting"] * 3 + ["executing"] * 3
+    kinds = decisions(logs)
+    assert kinds[:5] == [["update"], ["update"], ["update", "settled"], [], []]
+    assert kinds[5][0] == "replan"
+    assert logs[5].decisions[0].reasons == ("what happened was held impossible",)
+    truth = built.truths[1]
+    assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
+
+
+def test_an_adapted_policy_is_optimal_before_the_change(run: RunFolder, tmp_path: Path) -> None:
+    built = doubtful(run, scenario(tmp_path))
+    logs = episodes(built, 5)
+    truth = built.truths[0]
+    assert truth.value(built.parts.learner.policy().table) == pytest.approx(truth.reachable.optimum)
+    last = [execution.observation for execution in logs[4].executions]
+    # 8 steps at -0.5 and a stop that earns 10
+    assert sum(found.reward for found in last if found is not None) == pytest.approx(6)
+
+
+def test_a_manager_that_does_not_adapt_settles_at_once(run: RunFolder, tmp_path: Path) -> None:
+    logs = episodes(build(run, scenario(tmp_path), "none"), 2)
+    assert [log.phase for log in logs] == ["executing"] * 2
+    assert decisions(logs) == [[], []]
+
+
+@pytest.mark.parametrize("manager", ["static", "random", "reactive"])
+def test_the_other_managers_never_replan(run: RunFolder, tmp_path: Path, manager: str) -> None:
+    logs = episodes(build(run, scenario(tmp_path), manager), 7)
+    assert not any(log.count("replan") for log in logs)
+    assert sum(log.count("update") for log in logs) == (3 if manager == "static" else 7)
+
+
+def test_a_fault_is_survived_by_the_fallback(run: RunFolder, tmp_path: Path) -> None:
+    """Two calls fail amid an episode: two fallbacks, and the episode goes on."""
+    built = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=2))
+    logs = episodes(built, 3)
+    faulty = logs[1]
+    assert [problem.message for problem in faulty.problems] == ["the connection is lost"] * 2
+    assert faulty.count("fallback") == 2
+    assert faulty.executions[-1].observation is not None
+    assert faulty.executions[-1].observation.last
+    assert [len(log.problems) for log in logs] == [0, 2, 0]
+
+
+def test_a_system_that_stays_away_costs_no_more_than_the_episode(run: RunFolder, tmp_path: Path) -> None:
+    built = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=99))
+    logs = episodes(built, 3)
+    assert len(logs[1].problems) == MAX_FAULTS
+    assert logs[1].executions[-1].over
+    assert logs[2].problems == ()
+    assert logs[2].executions[-1].observation is not None
+
+
+@pytest.mark.parametrize("sensing", ["{delay: 2}", "{loss: 0.2}", "{delay: 1, loss: 0.2}"])
+def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path: Path, sensing: str) -> None:
+    text = "strategy: {updates: 8}"
+    found = scenario(tmp_path, more=f"sensing: {sensing}\n".replace("strategy", text))
+    built = build(run, found, "merap")
+    episodes(built, 5)
+    truth = built.truths[0]
+    assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))

@@ -1,0 +1,145 @@
+"""Whole runs of the loop: recorded, taken up again, and through faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from merap.errors import InputError
+from merap.learning.run_folder import RunFolder
+from merap.online.knowledge.base import KnowledgeBase, open_knowledge
+from merap.online.loop.records import EpisodeRow
+from merap.online.loop.running import run_loop
+from tests.loop_runs import MOVED, Unsound, scenario, timeless
+from tests.trained_runs import trained
+
+EPISODES = 10
+# Everything at once that a run has to come through the same way when it is taken up again.
+TROUBLE = "noise: {reward: 0.1, slip: 0.05}\nsensing: {delay: 1, loss: 0.1}\n"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return trained(tmp_path_factory.mktemp("runs") / "run")
+
+
+@pytest.fixture
+def knowledge(tmp_path: Path) -> Iterator[KnowledgeBase]:
+    with open_knowledge(f"sqlite:///{tmp_path / 'knowledge.db'}") as opened:
+        yield opened
+
+
+class KilledError(Exception):
+    """Stands for the end of the process."""
+
+
+def killed_after(episode: int) -> Callable[[EpisodeRow], None]:
+    def stop(row: EpisodeRow) -> None:
+        if row.episode == episode:
+            raise KilledError
+
+    return stop
+
+
+def test_a_run_is_recorded_with_all_that_was_seen_and_decided(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    report = run_loop(run, scenario(tmp_path), knowledge=knowledge)
+    (recorded,) = knowledge.runs()
+    assert (recorded.name, recorded.case, recorded.digest) == ("moved.merap", run.case.name, run.case.digest)
+    assert recorded.report is not None
+    assert recorded.report["summary"] == report.as_dict()["summary"]
+    steps = sum(row.steps for row in report.rows)
+    assert len(list(knowledge.observations(1))) == steps + EPISODES
+    kinds = [decision.kind for decision in knowledge.decisions(1)]
+    assert kinds.count("episode") == EPISODES
+    assert kinds.count("replan") == report.as_dict()["summary"]["adaptations"]
+    assert all(decision.reasons for decision in knowledge.decisions(1) if decision.kind == "replan")
+    policies = knowledge.policies(1)
+    assert policies[0].kind == "meta"
+    assert len(policies) == 1 + report.as_dict()["summary"]["policy_updates"]
+    assert [policy.model for policy in policies if policy.model] == [
+        model.id for model in knowledge.models(1)
+    ]
+    assert any("returned" in event.message for event in knowledge.events(1))
+
+
+def test_recording_changes_nothing(run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase) -> None:
+    found = scenario(tmp_path)
+    assert timeless(run_loop(run, found, knowledge=knowledge)) == timeless(run_loop(run, found))
+
+
+def test_a_run_goes_on_as_if_it_had_not_been_killed(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    found = scenario(tmp_path, more=TROUBLE)
+    guard = partial(Unsound, calls=2)
+    undisturbed = timeless(run_loop(run, found, guard=guard))
+    resume = False
+    for episode in (0, 6):
+        with pytest.raises(KilledError):
+            run_loop(
+                run, found, knowledge=knowledge, resume=resume, guard=guard, on_episode=killed_after(episode)
+            )
+        resume = True
+    before = len(list(knowledge.observations(1)))
+    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, guard=guard)) == undisturbed
+    assert len(knowledge.runs()) == 1
+    assert len(list(knowledge.observations(1))) > before
+    # taken up once more, a finished run is reported again and nothing is recorded
+    counts = knowledge.counts(1)
+    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, guard=guard)) == undisturbed
+    assert knowledge.counts(1) == counts
+
+
+def test_a_run_goes_on_only_as_it_was_begun(run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase) -> None:
+    with pytest.raises(InputError, match=r"no run 'moved\.merap' in the knowledge base"):
+        run_loop(run, scenario(tmp_path), knowledge=knowledge, resume=True)
+    with pytest.raises(KilledError):
+        run_loop(run, scenario(tmp_path), knowledge=knowledge, on_episode=killed_after(1))
+    other = scenario(tmp_path, MOVED.replace("seed: 0", "seed: 1"))
+    with pytest.raises(InputError, match="was begun with another case or other settings"):
+        run_loop(run, other, knowledge=knowledge, resume=True)
+    with pytest.raises(InputError, match="no knowledge base to go on from"):
+        run_loop(run, scenario(tmp_path), resume=True)
+
+
+def test_a_run_that_would_go_differently_is_not_gone_on_with(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    """The same name and settings, but the records are those of a manager that acts at random."""
+    found = scenario(tmp_path)
+    with pytest.raises(KilledError):
+        run_loop(run, found, manager="random", knowledge=knowledge, on_episode=killed_after(1))
+    recorded = knowledge.run(1)
+    settings = {**recorded.settings, "manager": "merap"}
+    forged = knowledge.start_run("moved.merap", recorded.case, recorded.digest, settings)
+    knowledge.record_observations(forged, list(knowledge.observations(1)))
+    for decision in knowledge.decisions(1):
+        knowledge.record_decision(forged, decision)
+    checkpoint = knowledge.latest_checkpoint(1)
+    assert checkpoint is not None
+    knowledge.record_checkpoint(forged, checkpoint.episode, checkpoint.state)
+    with pytest.raises(
+        InputError, match=r"episode 0 went differently when it was recorded, from step \d+ on"
+    ):
+        run_loop(run, found, knowledge=knowledge, resume=True)
+
+
+def test_faults_are_in_the_report_and_in_the_log(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    report = run_loop(run, scenario(tmp_path), knowledge=knowledge, guard=partial(Unsound, calls=2))
+    assert [row.problems for row in report.rows if row.problems] == [2, 2, 2]
+    told = [event for event in knowledge.events(1) if event.level == "warning"]
+    assert sum(event.message == "the connection is lost" for event in told) == 6
+    assert all(event.data["episode"] % 3 == 1 for event in told)
+
+
+def test_an_unknown_manager_begins_nothing(run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase) -> None:
+    with pytest.raises(InputError, match="no manager 'reactiv'"):
+        run_loop(run, scenario(tmp_path), manager="reactiv", knowledge=knowledge)
+    assert knowledge.runs() == ()
