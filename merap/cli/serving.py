@@ -10,6 +10,7 @@ import typer
 from merap.cli import options
 from merap.cli.output import say, warn
 from merap.concerns.case_study import load_case
+from merap.concerns.combination import ResetMode
 
 
 def register(app: typer.Typer) -> None:
@@ -23,12 +24,16 @@ def serve(
     port: Annotated[int, typer.Option(help="0 takes any that is free.")] = 3000,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     seed: options.Seed = 0,
-    slip: Annotated[float, typer.Option(help="Probability that an action does nothing.")] = 0.0,
-    noise: Annotated[float, typer.Option(help="Standard deviation of the noise on rewards.")] = 0.0,
+    reward_noise: Annotated[
+        float, typer.Option(min=0, metavar="SD", help="Deviation of Gaussian noise on rewards.")
+    ] = 0.0,
+    slip: Annotated[
+        float, typer.Option(min=0, max=1, metavar="P", help="Probability that an action does nothing.")
+    ] = 0.0,
     detect: Annotated[bool, typer.Option(help="Whether the case's detectors are read.")] = True,
     reset: Annotated[
-        str, typer.Option(help="How the next episode begins: episodes, return_to_start or none.")
-    ] = "episodes",
+        ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of single requests.")] = False,
 ) -> None:
     """Offer a simulated system behind HTTP, with the endpoints of UPISAS, until it is interrupted."""
@@ -37,7 +42,7 @@ def serve(
     from merap.online.managed.http_server import listening, server
     from merap.online.managed.interface import interface_of
     from merap.online.managed.served import ServedSystem
-    from merap.online.systems import SimulatedSystem, reset_mode
+    from merap.online.systems import SimulatedSystem
 
     study = load_case(case)
     warn(study.warnings)
@@ -47,9 +52,9 @@ def serve(
         met.objective.horizon,
         np.random.default_rng(seed),
         slip=slip,
-        noise=noise,
+        noise=reward_noise,
         detect=detect,
-        reset=reset_mode(reset),
+        reset=reset or met.reset,
     )
     served = ServedSystem(simulated, interface_of(met, detect=detect))
     with listening(host, port) as listener:

@@ -42,7 +42,7 @@ def import_gymnasium(env: str | gymnasium.Env[Any, Any], **kwargs: Any) -> Tabul
         ModelError: the table is no MDP; names state and action.
     """
     if isinstance(env, str):
-        made = _make(env, kwargs)
+        made = make_environment(env, kwargs)
         try:
             return _of_environment(made)
         finally:
@@ -92,7 +92,12 @@ def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None 
     )
 
 
-def _make(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env[Any, Any]:
+def make_environment(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env[Any, Any]:
+    """The environment with an id.
+
+    Raises:
+        InputError: Gymnasium can't make it.
+    """
     try:
         return gymnasium.make(env_id, **kwargs)
     except (gymnasium.error.Error, ModuleNotFoundError, TypeError) as error:

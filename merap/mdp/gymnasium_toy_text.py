@@ -33,21 +33,22 @@ class TableNames:
     labels: Mapping[str, Bools]
 
 
-def names_of(env: gymnasium.Env[Any, Any]) -> TableNames | None:
+def names_of(env: gymnasium.Env[Any, Any], *, to_import: bool = True) -> TableNames | None:
     """The names of a known environment, None of any other.
 
     Args:
         env: unwrapped.
+        to_import: whether its table is to be read.
 
     Raises:
-        InputError: the environment does what its table doesn't tell.
+        InputError: the table is to be read, and the environment does what it doesn't tell.
     """
     if isinstance(env, toy_text.FrozenLakeEnv):
         return _frozen_lake(env)
     if isinstance(env, toy_text.CliffWalkingEnv):
         return _cliff_walking(env)
     if isinstance(env, toy_text.TaxiEnv):
-        return _taxi(env)
+        return _taxi(env, to_import=to_import)
     return None
 
 
@@ -78,8 +79,8 @@ def _cliff_walking(env: toy_text.CliffWalkingEnv) -> TableNames:
     return TableNames(("row", "col"), cells, ("up", "right", "down", "left"), labels)
 
 
-def _taxi(env: toy_text.TaxiEnv) -> TableNames:
-    if env.fickle_passenger:
+def _taxi(env: toy_text.TaxiEnv, *, to_import: bool) -> TableNames:
+    if to_import and env.fickle_passenger:
         raise InputError(
             "Taxi with fickle_passenger=True can't be imported: its table P doesn't tell when the passenger "
             "changes the destination"
