@@ -146,7 +146,7 @@ class FlakyServer:
             failed = mishap == "failed"
             answer = response({"error": "no power"}, "500 Oops") if failed else self._answer(name, body)
         if mishap != "answer lost":
-            connection.sendall(b"rubbish" if mishap == "rubbish" else answer)
+            connection.sendall(b"rubbish\r\n\r\n" if mishap == "rubbish" else answer)
 
     def _answer(self, name: str, body: bytes) -> bytes:
         interface = self.served.interface

@@ -45,12 +45,14 @@ class Interface:
         actions: A names.
         variables: V state variables, in the order of a valuation.
         detectors: names of the detectors that are read; their readings map locations to values.
+        horizon: steps of an episode; None: not known.
     """
 
     system: str
     actions: tuple[str, ...]
     variables: tuple[Variable, ...]
     detectors: tuple[str, ...] = ()
+    horizon: int | None = None
 
 
 def interface_of(combination: Combination, *, detect: bool) -> Interface:
@@ -69,12 +71,14 @@ def interface_of(combination: Combination, *, detect: bool) -> Interface:
     ]
     mode = Variable("mode", ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
     detectors = tuple(detector.name for detector in space.detectors) if detect else ()
-    return Interface(combination.name, combination.actions, (*located, mode), detectors)
+    horizon = combination.objective.horizon
+    return Interface(combination.name, combination.actions, (*located, mode), detectors, horizon)
 
 
 def monitor_schema(interface: Interface) -> Json:
     """Of what `/monitor` answers."""
     action_names = list(interface.actions)
+    limit = {} if interface.horizon is None else {"maximum": interface.horizon}
     return _object(
         {
             "valuation": _object({variable.name: _integer(variable) for variable in interface.variables}),
@@ -94,6 +98,7 @@ def monitor_schema(interface: Interface) -> Json:
             },
             "total": _described("number", "sum of the rewards of this episode"),
             **_COUNTERS,
+            "step": {**_COUNTERS["step"], **limit},
         },
         title=f"what is seen of {interface.system}",
     )
@@ -151,6 +156,7 @@ def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, A
             for variable, entry in properties["valuation"]["properties"].items()
         ),
         detectors=tuple(properties["detections"]["properties"]),
+        horizon=properties["step"].get("maximum"),
     )
 
 

@@ -66,13 +66,26 @@ class ServedDialect:
         return what if last is None else {**what, "episode": last.episode, "step": last.step}
 
 
+class RemoteSystem(HttpSystem):
+    """A system that `merap serve` offers; see `open_served`.
+
+    Args:
+        client: of its endpoints.
+        interface: what it shows, in the order of the manager.
+    """
+
+    def __init__(self, client: UpisasClient, interface: Interface) -> None:
+        super().__init__(client, ServedDialect(interface))
+        self.interface = interface
+
+
 def open_served(
     url: str,
     *,
     timeout: float = 5.0,
     actions: Sequence[str] | None = None,
     variables: Sequence[str] | None = None,
-) -> HttpSystem:
+) -> RemoteSystem:
     """A system that `merap serve` offers, here or elsewhere.
 
     Args:
@@ -87,7 +100,7 @@ def open_served(
     """
     client = UpisasClient(url, timeout)
     try:
-        return HttpSystem(client, ServedDialect(_ordered(_served_interface(client), url, actions, variables)))
+        return RemoteSystem(client, _ordered(_served_interface(client), url, actions, variables))
     except (SystemFault, InputError):
         client.close()
         raise

@@ -1,0 +1,104 @@
+"""`serve` and `manage` as a user calls them: each call is a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from merap.learning.config import TrainingConfig
+from tests.http_servers import free_port
+from tests.trained_runs import trained
+
+RUNNING = Path("models/running-example")
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "merap", *map(str, arguments)]
+
+
+def merap(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+
+
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("error: ")
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    process = subprocess.Popen(
+        command("serve", RUNNING, "--port", "0"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    announced = process.stdout.readline()
+    url = next(word for word in announced.split() if word.startswith("http://")).rstrip(";")
+    assert announced == f"met of running_example on {url}; interrupt to end\n"
+    yield process, url
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
+
+
+def test_a_run_manages_a_system_that_is_served(
+    server: tuple[subprocess.Popen[str], str], tmp_path: Path
+) -> None:
+    _, url = server
+    run = trained(tmp_path / "run", TrainingConfig(updates=2, hidden=(4,), episodes=2), RUNNING)
+    report = tmp_path / "report.json"
+    done = merap("manage", run.path, url, "--strategy", "retrieval", "--episodes", 2, "--json", report)  # type: ignore[arg-type]
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split(":")[0] for line in lines[:3]] == ["episode 1", "episode 2", "faults"]
+    found = json.loads(report.read_text())
+    assert len(found["returns"]) == 2
+    assert found["faults"] == {}
+    assert httpx.get(url + "/monitor", trust_env=False).json()["episode"] == 3
+    again = merap("manage", run.path, url, "--json", report)
+    assert again.returncode == 2
+    assert "exists already" in error_of(again)
+    nobody = merap("manage", run.path, f"http://127.0.0.1:{free_port()}")
+    assert nobody.returncode == 3
+    assert error_of(nobody).startswith("error: refused: http://127.0.0.1:")
+
+
+def test_a_port_that_is_taken_is_one_clear_line(server: tuple[subprocess.Popen[str], str]) -> None:
+    port = server[1].rpartition(":")[2]
+    done = merap("serve", RUNNING, "--port", port)
+    assert done.returncode == 2
+    assert f"can't listen on port {port} of 127.0.0.1: Address already in use" in error_of(done)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--system", "nowhere"], "nowhere"),
+        (["--slip", "1"], r"must be in [0, 1), it is 1.0"),
+    ],
+)
+def test_what_can_not_be_served_is_one_clear_line(options: list[str], message: str) -> None:
+    done = merap("serve", RUNNING, *options)
+    assert done.returncode == 2
+    assert message in error_of(done)
+    assert done.stdout == ""
+
+
+def test_requests_are_logged_and_an_interrupt_ends_it(server: tuple[subprocess.Popen[str], str]) -> None:
+    """The last test of the module: it ends the server."""
+    process, url = server
+    httpx.put(url + "/execute", json={"action": "fly"}, trust_env=False)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert out == "ended\n"
+    assert "INFO executed {'action': None, 'reset': True" in err
+    assert "WARNING refused: the body is not as asked in 'action': 'fly'" in err
+    assert "Traceback" not in err
