@@ -20,6 +20,7 @@ import numpy as np
 
 from merap.errors import StorageError
 from merap.online.knowledge.base import KnowledgeBase
+from merap.online.knowledge.export import event_record
 from merap.online.knowledge.rows import EventRow, Level, now
 
 FILE_NAME = "events.jsonl"
@@ -65,7 +66,7 @@ class JsonLines:
         Raises:
             StorageError: it can't be written.
         """
-        line = memoryview(f"{json.dumps(as_line(row))}\n".encode())
+        line = memoryview(f"{json.dumps(event_record(row))}\n".encode())
         with self._lock, _told(self._path):
             while line:
                 line = line[os.write(self._file, line) :]
@@ -137,17 +138,6 @@ class EventLog:
             for row in self._waiting:
                 self._knowledge.record_event(self._run, row)
         self._waiting.clear()
-
-
-def as_line(row: EventRow) -> Mapping[str, Any]:
-    """What stands in a line, in this order."""
-    return {
-        "time": row.time.isoformat(timespec="microseconds"),
-        "component": row.component,
-        "level": row.level,
-        "message": row.message,
-        "data": row.data,
-    }
 
 
 def plain(value: Any) -> Any:

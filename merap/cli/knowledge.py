@@ -1,0 +1,179 @@
+"""`knowledge`: list, show, export and replay what a loop has recorded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from merap.cli import options
+from merap.cli.output import number, require_free_report, say, table, write_json
+
+if TYPE_CHECKING:
+    from merap.online.knowledge.base import KnowledgeBase
+    from merap.online.knowledge.rows import DecisionRow, ObservationRow, RunRow
+
+Db: TypeAlias = Annotated[
+    str,
+    typer.Option("--db", help="URL: sqlite:///FILE, or postgresql://USER@HOST/DATABASE.", show_default=False),
+]
+RunNumber: TypeAlias = Annotated[
+    int, typer.Argument(metavar="NUMBER", help="Of the run, as `list` shows it.", show_default=False)
+]
+MOMENT = "%Y-%m-%d %H:%M:%S"
+
+
+def register(app: typer.Typer) -> None:
+    """Add these verbs, as a group."""
+    group = typer.Typer(
+        help="List, show, export and replay what a loop has recorded.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+    )
+    group.command("list")(list_runs)
+    group.command()(show)
+    group.command()(export)
+    group.command()(replay)
+    app.add_typer(group, name="knowledge")
+
+
+def list_runs(db: Db, json: options.Json = None, force: options.Force = False) -> None:
+    """The runs of a knowledge base."""
+    from merap.online.knowledge.export import run_record
+
+    require_free_report(json, force=force)
+    with _opened(db) as knowledge:
+        found = [(row, knowledge.counts(row.id)) for row in knowledge.runs()]
+    write_json(json, [{**run_record(row), "entries": dict(counts)} for row, counts in found], force=force)
+    if str(json) == "-":
+        return
+    if not found:
+        say(f"{db}: no runs")
+        return
+    table(
+        ("run", "name", "case", "started (UTC)", "finished (UTC)", "observations", "decisions"),
+        [
+            (
+                str(row.id),
+                row.name,
+                row.case,
+                f"{row.started:{MOMENT}}",
+                _finished(row),
+                str(counts["observation"]),
+                str(counts["decision"]),
+            )
+            for row, counts in found
+        ],
+    )
+
+
+def show(
+    run: RunNumber,
+    db: Db,
+    last: Annotated[int, typer.Option(min=0, help="How many decisions and events to print.")] = 20,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """A run: case, settings, decisions with reasons, policies, events."""
+    from dataclasses import asdict
+
+    from merap.online.knowledge.export import decision_record, event_record, run_record
+
+    require_free_report(json, force=force)
+    with _opened(db) as knowledge:
+        row, counts = knowledge.run(run), knowledge.counts(run)
+        report = {
+            **run_record(row),
+            "entries": dict(counts),
+            "models": [asdict(model) for model in knowledge.models(run)],
+            "policies": [asdict(policy) for policy in knowledge.policies(run)],
+            "decisions": [decision_record(decision) for decision in knowledge.decisions(run)],
+            "events": [event_record(event) for event in knowledge.events(run)],
+        }
+    write_json(json, report, force=force)
+    if str(json) != "-":
+        _show(row, report, last)
+
+
+def _show(row: RunRow, report: dict[str, Any], last: int) -> None:
+    say(f"run {row.id}: {row.name}, case {row.case} ({row.digest[:12]})")
+    say(f"started {row.started:{MOMENT}} UTC, finished {_finished(row)}")
+    for key, value in row.settings.items():
+        say(f"  {key}: {value}")
+    entries = ", ".join(f"{count} {name}" for name, count in report["entries"].items() if count)
+    say(f"entries: {entries or 'none'}")
+    policies = report["policies"]
+    if policies:
+        kinds = Counter(policy["kind"] for policy in policies)
+        say("policies: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
+    decisions = report["decisions"][-last:] if last else []
+    if decisions:
+        _heading("decisions", len(decisions), len(report["decisions"]))
+        table(
+            ("episode", "step", "decision", "reasons"),
+            [(str(d["episode"]), str(d["step"]), d["kind"], "; ".join(d["reasons"])) for d in decisions],
+        )
+    events = report["events"][-last:] if last else []
+    if events:
+        _heading("events", len(events), len(report["events"]))
+        table(
+            ("time (UTC)", "component", "level", "message"),
+            [(e["time"][:23], e["component"], e["level"], e["message"]) for e in events],
+        )
+
+
+def _heading(what: str, shown: int, there: int) -> None:
+    say(f"\n{what}" if shown == there else f"\nthe last {shown} of {there} {what}")
+
+
+def export(run: RunNumber, db: Db, out: options.Out) -> None:
+    """Write a run as a folder of CSV, JSON lines, UMB and safetensors, with a manifest."""
+    from merap.online.knowledge.export import export_run
+
+    with _opened(db) as knowledge:
+        files = export_run(knowledge, run, out)
+    say(f"wrote {len(files)} files and a manifest to {out}")
+
+
+def replay(run: RunNumber, db: Db, json: options.Json = None, force: options.Force = False) -> None:
+    """What was seen and decided, in order."""
+    from merap.online.knowledge import replay as replaying
+    from merap.online.knowledge.export import decision_record, observation_record
+    from merap.online.knowledge.rows import ObservationRow
+
+    require_free_report(json, force=force)
+    with _opened(db) as knowledge:
+        rows = list(replaying.replay(knowledge, run))
+    records = [
+        {"observation": observation_record(row)}
+        if isinstance(row, ObservationRow)
+        else {"decision": decision_record(row)}
+        for row in rows
+    ]
+    write_json(json, {"run": run, "timeline": records}, force=force)
+    if str(json) == "-":
+        return
+    table(("episode", "step", "what", "reward", "detail"), [_timeline_row(row) for row in rows])
+
+
+def _timeline_row(row: ObservationRow | DecisionRow) -> tuple[str, str, str, str, str]:
+    from merap.online.knowledge.rows import DecisionRow
+
+    place = (str(row.episode), str(row.step))
+    if isinstance(row, DecisionRow):
+        return (*place, f"decision: {row.kind}", "", "; ".join(row.reasons))
+    what = "reset" if row.action is None else f"action {row.action}"
+    ending = " (done)" if row.continuation == 0 else " (truncated)" if row.truncated else ""
+    seen = "nothing seen" if row.valuation is None else " ".join(map(str, row.valuation))
+    return (*place, what, number(row.reward), seen + ending)
+
+
+def _finished(row: RunRow) -> str:
+    return "-" if row.finished is None else f"{row.finished:{MOMENT}}"
+
+
+def _opened(db: str) -> KnowledgeBase:
+    from merap.online.knowledge.base import open_knowledge
+
+    return open_knowledge(db, create=False)
