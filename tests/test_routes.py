@@ -22,7 +22,7 @@ from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
 
 MODELS = Path(__file__).parents[1] / "models"
-CASES = [MODELS / "running-example", *sorted((MODELS / "paper-grid").glob("*.yaml"))]
+CASES = [MODELS / "running-example", MODELS / "hazard-grid", *sorted((MODELS / "paper-grid").glob("*.yaml"))]
 DRAWN = 100
 
 

@@ -15,7 +15,11 @@ from tests.bad_cases import KEYS_AND_TYPES
 from tests.case_examples import GRAPH, GRID, replaced, write_case
 
 MODELS = Path(__file__).parent.parent / "models"
-SHIPPED = [MODELS / "running-example" / "case.yaml", *sorted((MODELS / "paper-grid").glob("*.yaml"))]
+SHIPPED = [
+    MODELS / "running-example" / "case.yaml",
+    MODELS / "hazard-grid" / "case.yaml",
+    *sorted((MODELS / "paper-grid").glob("*.yaml")),
+]
 
 
 def data(text: str) -> Any:

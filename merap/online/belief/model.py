@@ -107,18 +107,18 @@ def _open_mass(
                 if not part.any():
                     continue
                 total[u, v] += part.sum(axis=(0, 1))
-                is_open[u, v] += _known_open(space, belief, part) * (
-                    1 - _at_targets(space, unknown[kind, u, v])
+                is_open[u, v] += known_open(space, belief, part) * (
+                    1 - at_targets(space, unknown[kind, u, v])
                 )
     return total, is_open * (space.space.target >= 0)
 
 
-def _at_targets(space: HypothesisSpace, of_locations: Floats) -> Floats:
+def at_targets(space: HypothesisSpace, of_locations: Floats) -> Floats:
     """[..., P, L] from [..., P]."""
     return of_locations[..., space.space.target]
 
 
-def _known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
+def known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
     """float64 [W, P, L]: the weight of hypotheses that know of nothing that closes a move."""
     rows = part.any(axis=(1, 2))
     columns = part.any(axis=(0, 2))
@@ -127,10 +127,10 @@ def _known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
     allowed = (~space.no_entry[columns]).astype(np.float64)
     if space.blocked_edges is None:
         mass = np.tensordot(part, free, (0, 0))  # [C, W, P]
-        return _at_targets(space, (mass * allowed[:, np.newaxis]).sum(axis=0))
-    usable = _at_targets(space, free) * ~space.blocked_edges[environments]
+        return at_targets(space, (mass * allowed[:, np.newaxis]).sum(axis=0))
+    usable = at_targets(space, free) * ~space.blocked_edges[environments]
     mass = np.tensordot(part, usable, (0, 0))  # [C, W, P, L]
-    known: Floats = (mass * _at_targets(space, allowed)[:, np.newaxis]).sum(axis=0)
+    known: Floats = (mass * at_targets(space, allowed)[:, np.newaxis]).sum(axis=0)
     return known
 
 

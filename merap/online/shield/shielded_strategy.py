@@ -1,0 +1,124 @@
+"""Any strategy behind a shield: its actions and its policy are those that the shield leaves."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from merap.mdp.model import Bools, Floats
+from merap.online.belief.space import HypothesisSpace
+from merap.online.shield.policy import masked_policy, slack_mask
+from merap.online.shield.shield import RobustShield, ShieldReport
+from merap.online.shield.watch import Watch
+from merap.online.strategy import Strategy
+from merap.online.systems import Observation
+
+
+@runtime_checkable
+class Restrictable(Protocol):
+    """A strategy that plans, and does it better if it knows what will not be allowed."""
+
+    def restrict(self, mask: Bools) -> None:
+        """Plan with the actions bool [S, A] alone; a row without any is not restricted."""
+
+
+class ShieldedStrategy:
+    """A strategy that acts, explores and is executed within a shield; see `strategy.Strategy`.
+
+    The order of a step: the strategy and the shield's own belief learn from what was seen, then the
+    shield solves again if other models are credible now, then the strategy may act.
+
+    Args:
+        strategy: what adapts.
+        space: the hypotheses of the case, over which the shield keeps a belief of its own.
+        horizon: T, for the mask of the policy.
+        threshold: lambda.
+        hazard_prior: see `hazards`.
+
+    Raises:
+        InputError: nothing is declared unsafe and there is no prior on hazards, or a number is out of
+            range.
+    """
+
+    def __init__(
+        self,
+        strategy: Strategy,
+        space: HypothesisSpace,
+        horizon: int,
+        threshold: float,
+        hazard_prior: float = 0.0,
+    ) -> None:
+        self._strategy = strategy
+        self._watch = Watch(space, hazard_prior)
+        self._shield = RobustShield(self._watch.outcomes, threshold)
+        self._horizon = horizon
+        self._start = np.append(space.initial, 0.0)
+        self._restrict()
+
+    @property
+    def episodes_per_update(self) -> int:
+        """That of the strategy."""
+        return self._strategy.episodes_per_update
+
+    def begin(self, observation: Observation) -> None:
+        """An episode begins."""
+        self._watch.begin(observation)
+        self._start = (np.arange(len(self._start)) == self._watch.state) * 1.0
+        self._refresh()
+        self._shield.begin(self._watch.state)
+        self._strategy.begin(observation)
+
+    def act(self, allowed: Bools) -> int:
+        """The strategy's next action, among those within the budget."""
+        return self._strategy.act(self._shield.allowed(self._watch.state, allowed))
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to."""
+        self._watch.observe(action, observation)
+        self._shield.took(action, self._watch.state)
+        self._refresh()
+        self._strategy.observe(action, observation)
+
+    def update(self) -> None:
+        """The strategy learns from its episodes."""
+        self._strategy.update()
+
+    def policy(self) -> Floats:
+        """The strategy's policy within a mask that keeps the threshold; see `policy`."""
+        policy = self._strategy.policy()
+        return masked_policy(
+            self._shield.outcomes,
+            self._shield.risk,
+            policy,
+            self._start,
+            self._shield.threshold,
+            self._horizon,
+        )
+
+    def explain(self) -> tuple[str, ...]:
+        """What the strategy says, and what the shield did."""
+        done = self.report()
+        line = (
+            f"shield at {done.threshold:g}: {done.withheld} actions withheld in {done.steps} steps, "
+            f"{done.fallbacks} steps with nothing within the budget; least risk from the start "
+            f"{float(self._start @ self._shield.risk.of_states):.3g}"
+        )
+        return (*self._strategy.explain(), line)
+
+    def report(self) -> ShieldReport:
+        """What the shield has done so far."""
+        return self._shield.report()
+
+    def _refresh(self) -> None:
+        before = self._shield.outcomes
+        self._shield.refresh()
+        if self._shield.outcomes is not before:
+            self._restrict()
+
+    def _restrict(self) -> None:
+        """A planner keeps to what an episode's whole budget could allow in one step."""
+        if isinstance(self._strategy, Restrictable):
+            risk = self._shield.risk
+            within = risk.of_actions <= max(self._shield.threshold, 0.0)
+            self._strategy.restrict(risk.certain | within | slack_mask(risk, 0.0))

@@ -1,0 +1,88 @@
+"""What a shield knows of the system that is met: a belief of its own, hazards, what is credible.
+
+The belief is the shield's, whatever the strategy is: also a strategy without a belief is shielded
+by what its episodes have shown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from merap.errors import InputError
+from merap.online.belief.posterior import Belief, prior_belief
+from merap.online.belief.space import HypothesisSpace
+from merap.online.belief.update import (
+    Step,
+    observe_detections,
+    observe_enabled,
+    observe_presence,
+    observe_step,
+)
+from merap.online.shield.credible import credible, credible_outcomes, unsafe_states
+from merap.online.shield.hazards import Hazards
+from merap.online.shield.outcomes import OutcomeSets
+from merap.online.strategy import StateIndex
+from merap.online.systems import Observation
+
+# A true hypothesis is ever dropped with at most this probability.
+DOUBT = 1e-4
+
+
+class Watch:
+    """Follows the episodes and gives the outcome sets of what is credible now.
+
+    Args:
+        space: the hypotheses of the case.
+        hazard_prior: probability of each location but the start to be unsafe in a way no
+            configuration says; see `hazards`.
+        doubt: see `models.credible_models`.
+
+    Raises:
+        InputError: nothing is declared unsafe and there is no prior on hazards, or a number is out of
+            range.
+    """
+
+    def __init__(self, space: HypothesisSpace, hazard_prior: float = 0.0, doubt: float = DOUBT) -> None:
+        if not 0 <= doubt < 1:
+            raise InputError(f"the doubt of a shield must be in [0, 1), it is {doubt}")
+        self._space = space
+        self._doubt = doubt
+        self._index = StateIndex(space.valuations)
+        self._unsafe = unsafe_states(space, required=hazard_prior == 0)
+        self.hazards = Hazards(space.case.combination_at(0), hazard_prior)
+        self.belief: Belief = prior_belief(space)
+        self.state = -1
+        self._signature = b""
+        self._outcomes: OutcomeSets | None = None
+
+    def begin(self, observation: Observation) -> None:
+        """An episode begins."""
+        self.state = self._index(observation)
+        self._look(observation)
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to."""
+        target = self._index(observation)
+        step = Step(self.state, action, target, observation.reward)
+        self.belief = observe_step(self._space, self.belief, step)
+        self.state = target
+        self._look(observation)
+
+    def _look(self, observation: Observation) -> None:
+        if self.state < self._space.num_states:
+            self.belief = observe_presence(self._space, self.belief, self.state)
+            self.belief = observe_enabled(self._space, self.belief, self.state, observation.enabled)
+            self.hazards.visit(self.state // self._space.num_modes, observation.detections)
+        if observation.detections:
+            self.belief = observe_detections(self._space, self.belief, observation.detections)
+
+    def outcomes(self) -> OutcomeSets:
+        """What each action may lead to; the same object while the same is credible."""
+        left = credible(self._space, self.belief, self._doubt)
+        signature = left.signature(self.belief) + self.hazards.prob.tobytes()
+        if self._outcomes is None or signature != self._signature:
+            self._outcomes = credible_outcomes(
+                self._space, self.belief, left, self._unsafe, np.asarray(self.hazards.prob)
+            )
+            self._signature = signature
+        return self._outcomes
