@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +17,7 @@ from merap.errors import InputError
 if TYPE_CHECKING:
     from merap.learning.training import UpdateMetrics
     from merap.online.adaptation import Adaptation, Spread
+    from merap.online.shield.shielded_strategy import ShieldSettings
 
 SEED_LIMIT = 2**63
 STRATEGY_HELP = (
@@ -100,6 +101,16 @@ def adapt(
     reset: Annotated[
         ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
     ] = None,
+    shield: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest probability to ever reach an unsafe state in an episode; no shield if left out."
+        ),
+    ] = None,
+    hazard_prior: Annotated[
+        float,
+        typer.Option(help="Probability of a location to be unsafe though no model says so; with --shield."),
+    ] = 0.0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for curve and map, as PNG and SVG.")
     ] = None,
@@ -122,6 +133,7 @@ def adapt(
         opened.case.system(system),
         episodes_per_step=episodes_per_step,
         conditions=adaptation.Conditions(reward_noise, slip, reset),
+        shield=_shield(shield, hazard_prior),
     )
     report: Adaptation | Spread
     with job_bar() as bar:
@@ -141,6 +153,16 @@ def adapt(
     if str(json) != "-":
         for found in shown:
             _show(found)
+
+
+def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | None:
+    if threshold is None:
+        if hazard_prior:
+            raise InputError("a prior on hazards needs a shield: give --shield too", source="--hazard-prior")
+        return None
+    from merap.online.shield.shielded_strategy import ShieldSettings
+
+    return ShieldSettings(threshold, hazard_prior)
 
 
 def _seeds(text: str) -> range:
@@ -181,6 +203,20 @@ def _show(found: Adaptation) -> None:
         number(scores[f"mean_{kind}_regret"], 4) for kind in ("first_episode", "cumulative", "sampled")
     )
     say(f"regret: {first} in the first episode, {total} in all; what the episodes really lost: {sampled}")
+    if found.safety:
+        _show_safety(found.as_dict()["safety"]["total"])
+
+
+def _show_safety(sums: Mapping[str, Any]) -> None:
+    episodes = sums["episodes"]
+    say(f"violations: {sums['violations']} of {episodes} episodes; completed: {sums['completed']}")
+    shield = sums["shield"]
+    if shield is not None:
+        say(
+            f"shield at {shield['threshold']:g}: {shield['withheld']} actions withheld in {shield['steps']} "
+            f"steps; nothing within the budget, so the least risky: {shield['fallbacks']} steps; beyond it "
+            f"from the start: {shield['beyond_from_start']} episodes"
+        )
 
 
 def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -> None:

@@ -16,10 +16,12 @@ from merap.concerns.combination import Combination, ResetMode
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
-from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.online.curve import Range, Run, as_dict, judged, summary
 from merap.online.managed.slip import slipping_model
 from merap.online.running import adaptation, evaluator, executed, reachable_range
+from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.supervision import Safety, Supervised, total, unsafe_of
 from merap.online.strategies.registry import (
     ALL,
     GRADIENT,
@@ -28,7 +30,7 @@ from merap.online.strategies.registry import (
     make_strategy,
     parse_strategy,
 )
-from merap.online.strategy import Strategy
+from merap.online.strategy import StateIndex, Strategy
 from merap.online.systems import SimulatedSystem
 
 
@@ -65,6 +67,8 @@ class Adaptation:
             episode; the last action is `end`.
         after: likewise, after its last update.
         model: the system's true model, on the canonical index.
+        safety: of each run; empty if the system's objective declares nothing unsafe and there is no
+            shield.
     """
 
     system: str
@@ -75,6 +79,7 @@ class Adaptation:
     before: Floats = field(repr=False)
     after: Floats = field(repr=False)
     model: TabularMDP = field(repr=False)
+    safety: tuple[Safety, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -86,6 +91,9 @@ class Adaptation:
             "worst": self.reachable.worst,
             "runs": [as_dict(run) for run in self.runs],
             "summary": summary(self.runs),
+            "safety": {"total": total(self.safety), "runs": [one.as_dict() for one in self.safety]}
+            if self.safety
+            else None,
         }
 
 
@@ -99,6 +107,8 @@ class Encounter:
         model: its true model, on the canonical index.
         reachable: what any policy can earn there.
         context: what strategies are made from.
+        shield: what strategies are shielded by; None: nothing.
+        unsafe: bool [S], where the system's objective says so; None: it says nothing.
     """
 
     system: Combination
@@ -106,6 +116,15 @@ class Encounter:
     model: TabularMDP
     reachable: Range
     context: StrategyContext
+    shield: ShieldSettings | None = None
+    unsafe: Bools | None = None
+
+    def strategy(self, name: str, generator: np.random.Generator) -> Strategy:
+        """A strategy before any episode, shielded if it is to be; see `registry.make_strategy`."""
+        chosen = make_strategy(name, self.context, generator)
+        if self.shield is None:
+            return chosen
+        return ShieldedStrategy(chosen, self.context.hypotheses, self.context.horizon, self.shield)
 
 
 def encounter(
@@ -114,13 +133,15 @@ def encounter(
     *,
     episodes_per_step: int = 35,
     conditions: Conditions = UNDISTURBED,
+    shield: ShieldSettings | None = None,
 ) -> Encounter:
     """Build a system that is met; see `adapt`."""
+    unsafe = unsafe_of(system, required=shield is not None)
     given = replace(conditions, reset=conditions.reset or system.reset)
     model = slipping_model(system, given.slip) if given.slip else model_of(system)
     horizon = system.objective.horizon
     context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
-    return Encounter(system, given, model, reachable_range(model, horizon), context)
+    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe)
 
 
 def adapt(
@@ -133,6 +154,7 @@ def adapt(
     max_episodes: int | None = None,
     seeds: Sequence[int] = (0,),
     conditions: Conditions = UNDISTURBED,
+    shield: ShieldSettings | None = None,
     on_step: OnStep = lambda: None,
 ) -> Adaptation:
     """Adapt to a simulated system, once for each seed.
@@ -148,14 +170,15 @@ def adapt(
         max_episodes: real episodes at most, in place of `steps`.
         seeds: of the episodes.
         conditions: what the system is like.
+        shield: keeps what is done, explored and learned within a threshold; None: nothing does.
         on_step: called after each policy update of each seed.
 
     Raises:
-        InputError: the run is not finished, there is no seed, no such strategy, a condition is out of
-            range, or the system can't begin another episode.
+        InputError: the run is not finished, there is no seed, no such strategy, nothing to shield from, a
+            condition is out of range, or the system can't begin another episode.
     """
     require_adaptable(strategy, seeds)
-    met = encounter(run, system, episodes_per_step=episodes_per_step, conditions=conditions)
+    met = encounter(run, system, episodes_per_step=episodes_per_step, conditions=conditions, shield=shield)
     return adapt_to(met, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
 
 
@@ -186,12 +209,20 @@ def adapt_to(
     with one_thread():
         for seed in seeds:
             of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-            chosen = make_strategy(strategy, met.context, of_strategy)
+            chosen = met.strategy(strategy, of_strategy)
             limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
             found.append(_followed(seed, met, chosen, of_system, limit, on_step))
-    runs, before, after = zip(*found, strict=True)
+    runs, before, after, safety = zip(*found, strict=True)
     return Adaptation(
-        met.system.name, met.conditions, strategy, met.reachable, runs, before[0], after[0], met.model
+        system=met.system.name,
+        conditions=met.conditions,
+        strategy=strategy,
+        reachable=met.reachable,
+        runs=runs,
+        before=before[0],
+        after=after[0],
+        model=met.model,
+        safety=safety if met.shield is not None or met.unsafe is not None else (),
     )
 
 
@@ -202,17 +233,22 @@ def _followed(
     generator: np.random.Generator,
     max_episodes: int,
     on_step: OnStep,
-) -> tuple[Run, Floats, Floats]:
-    """One adaptation, with the policies before and after."""
+) -> tuple[Run, Floats, Floats, Safety]:
+    """One adaptation, with the policies before and after, and what happened."""
     simulated = _simulated(met, generator)
+    nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
+    supervised = Supervised(
+        simulated, StateIndex(met.model.valuations), nowhere if met.unsafe is None else met.unsafe
+    )
     before = executed(met.model, strategy.policy())
     rows = []
-    for row in adaptation(simulated, strategy, evaluator(met.model, met.context.horizon), max_episodes):
+    for row in adaptation(supervised, strategy, evaluator(met.model, met.context.horizon), max_episodes):
         rows.append(row)
         if row.step:
             on_step()
     run = judged(seed, rows, met.reachable, simulated.steps_back)
-    return run, before, executed(met.model, strategy.policy())
+    safety = supervised.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
+    return run, before, executed(met.model, strategy.policy()), safety
 
 
 def _simulated(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:

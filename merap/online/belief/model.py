@@ -108,12 +108,12 @@ def _open_mass(
                     continue
                 total[u, v] += part.sum(axis=(0, 1))
                 is_open[u, v] += known_open(space, belief, part) * (
-                    1 - at_targets(space, unknown[kind, u, v])
+                    1 - _at_targets(space, unknown[kind, u, v])
                 )
     return total, is_open * (space.space.target >= 0)
 
 
-def at_targets(space: HypothesisSpace, of_locations: Floats) -> Floats:
+def _at_targets(space: HypothesisSpace, of_locations: Floats) -> Floats:
     """[..., P, L] from [..., P]."""
     return of_locations[..., space.space.target]
 
@@ -127,10 +127,10 @@ def known_open(space: HypothesisSpace, belief: Belief, part: Floats) -> Floats:
     allowed = (~space.no_entry[columns]).astype(np.float64)
     if space.blocked_edges is None:
         mass = np.tensordot(part, free, (0, 0))  # [C, W, P]
-        return at_targets(space, (mass * allowed[:, np.newaxis]).sum(axis=0))
-    usable = at_targets(space, free) * ~space.blocked_edges[environments]
+        return _at_targets(space, (mass * allowed[:, np.newaxis]).sum(axis=0))
+    usable = _at_targets(space, free) * ~space.blocked_edges[environments]
     mass = np.tensordot(part, usable, (0, 0))  # [C, W, P, L]
-    known: Floats = (mass * at_targets(space, allowed)[:, np.newaxis]).sum(axis=0)
+    known: Floats = (mass * _at_targets(space, allowed)[:, np.newaxis]).sum(axis=0)
     return known
 
 

@@ -6,7 +6,7 @@ Axes: T steps, S states, A actions.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -106,6 +106,7 @@ class BeliefStrategy:
         self._price = 0.0
         self._tried: Trial | None = None
         self._modelled: Belief | None = None
+        self._restriction: Bools | None = None
         self.update()
         self._acting, self._planned_at, self._learned = self._plan, 0, 0.0
 
@@ -131,12 +132,24 @@ class BeliefStrategy:
             self._replan()
         return best_allowed(self._acting.ranked[self._time - self._planned_at, self._state], allowed)
 
+    def restrict(self, mask: Bools) -> None:
+        """Plan with the actions bool [S, A] alone; a row without any is not restricted."""
+        rows = mask[:-1] | ~mask[:-1].any(axis=1, keepdims=True)
+        self._restriction = rows.T
+        self._modelled, self._learned, self._stale = None, -np.inf, True
+
+    def _restricted(self, model: DomainModel) -> DomainModel:
+        if self._restriction is None:
+            return model
+        left = model.enabled & self._restriction
+        return replace(model, enabled=np.where(left.any(axis=0), left, model.enabled))
+
     def _replan(self) -> None:
         """For the steps that remain."""
         remaining = self._horizon - self._time
         self._planned_at, self._learned = self._time, self.belief.learned
         if self._settings.exploration == "thompson":
-            model = sampled_model(self._space, self.belief, self._generator)
+            model = self._restricted(sampled_model(self._space, self.belief, self._generator))
             self._acting = plan(model, remaining, ties=self._ties)
             return
         model, hoped = self._models()
@@ -149,7 +162,8 @@ class BeliefStrategy:
         """The mean and the hope, made once for a belief."""
         if self._modelled is not self.belief:
             self._modelled = self.belief
-            self._mean_and_hope = mean_and_hope(self._space, self.belief, self._settings.doubt)
+            mean, hope = mean_and_hope(self._space, self.belief, self._settings.doubt)
+            self._mean_and_hope = self._restricted(mean), self._restricted(hope)
         return self._mean_and_hope
 
     def _hope(self, model: DomainModel, hoped: DomainModel, best: Plan) -> Plan | None:
@@ -177,8 +191,7 @@ class BeliefStrategy:
 
     def update(self) -> None:
         """Plan on what is believed now."""
-        self._model, _ = self._models()
-        self._plan = plan(self._model, self._horizon, ties=self._ties)
+        self._plan_on_mean()
         self._price = 0.0
         self._episodes += 1
         if self._settings.exploration == "information":
@@ -195,8 +208,15 @@ class BeliefStrategy:
             self._refined = self._refine(self.belief, self._plan, self._planned(), self._start)
             self._refined_at = self.belief.learned
 
+    def _plan_on_mean(self) -> None:
+        self._model, _ = self._models()
+        self._plan = plan(self._model, self._horizon, ties=self._ties)
+        self._stale = False
+
     def policy(self) -> Floats:
         """float64 [T, S, A]: the best plan on the mean model, or the refined meta policy."""
+        if self._stale:
+            self._plan_on_mean()
         table = self._planned()
         if self._refined is not None and self._refined.policy is not None:
             table = np.repeat(self._refined.policy[np.newaxis], len(table), axis=0)

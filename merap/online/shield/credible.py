@@ -25,7 +25,7 @@ from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.online.belief.actions import ActionTable
 from merap.online.belief.cells import BOTH, KNOWN, NO_ENTRY, OBSTACLES, closed_probability
-from merap.online.belief.model import at_targets, known_open
+from merap.online.belief.model import known_open
 from merap.online.belief.outside import other_goals
 from merap.online.belief.posterior import Belief, concern_weights, weights
 from merap.online.belief.space import HypothesisSpace
@@ -143,14 +143,14 @@ def credible_outcomes(
     environments = sorted({u for u, _ in moves})
     by_objective = unsafe[environments][:, left.objective]
     avoided = np.append(by_objective.any(axis=(0, 1)), False)
-    ends = space.ends[environments][:, left.objective].all(axis=(0, 1))
+    ends = np.asarray(space.ends[environments][:, left.objective].all(axis=(0, 1)))
     sure = np.ones((space.num_states + 1, len(space.actions)), dtype=np.bool_)
     found = []
     for number, table in enumerate(space.actions):
         states, probs = [], []
         for (u, v), allowed in moves.items():
             feasible = _feasible(space, table, allowed)
-            sure[:-1, number] &= ~(feasible & ~table.enabled[v]).any(axis=1)
+            sure[:-1, number] &= np.all(~feasible | table.enabled[v], axis=1)
             state, pattern = np.nonzero(feasible & table.enabled[v])
             for kind in allowed.kinds:
                 slip = space.slips[kind]
@@ -176,14 +176,12 @@ def _moves(
         count = mine.sum(axis=(0, 1))[:, np.newaxis, np.newaxis]  # [W, 1, 1]
         free = known_open(space, belief, mine.astype(np.float64))  # [W, P, L]
         some_free, some_shut = free > 0.5, free < count - 0.5
-        may_close, may_open = (
-            at_targets(space, left.closed[kind][place]),
-            at_targets(space, left.open[kind][place]),
-        )
+        may_close = left.closed[kind][place][:, space.space.target]
+        may_open = left.open[kind][place][:, space.space.target]
         is_open |= (some_free & may_open).any(axis=0)
         is_closed |= (some_shut | (some_free & may_close)).any(axis=0)
     exists = space.space.target >= 0
-    return _Moves(is_open & exists, is_closed | ~exists, _extremes(space, part.any(axis=(0, 1))))
+    return _Moves(is_open & exists, is_closed | ~exists, _extremes(space, np.asarray(part.any(axis=(0, 1)))))
 
 
 def _extremes(space: HypothesisSpace, kinds: Bools) -> tuple[int, ...]:

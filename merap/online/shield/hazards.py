@@ -100,4 +100,5 @@ def _unsafe_if(combination: Combination, attribute: str, places: Ints, values: F
         ),
     )
     states = holds_in_states(replace(combination, environment=environment), condition)
-    return np.asarray(states.reshape(combination.space.num_locations, -1).any(axis=1)[places])
+    anywhere = np.asarray(states.reshape(combination.space.num_locations, -1).any(axis=1))
+    return anywhere[places]

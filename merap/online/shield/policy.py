@@ -19,7 +19,7 @@ from merap.online.shield.fixpoint import Risk, choice_risk
 from merap.online.shield.outcomes import OutcomeSets
 from merap.online.shield.shield import shielded_policy
 
-HALVINGS = 12
+HALVINGS = 6
 
 
 def slack_mask(risk: Risk, slack: float) -> Bools:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,6 +14,19 @@ from merap.online.shield.shield import RobustShield, ShieldReport
 from merap.online.shield.watch import Watch
 from merap.online.strategy import Strategy
 from merap.online.systems import Observation
+
+
+@dataclass(frozen=True)
+class ShieldSettings:
+    """How a strategy is shielded.
+
+    Attributes:
+        threshold: lambda, on the probability of ever reaching an unsafe state in an episode.
+        hazard_prior: see `hazards`.
+    """
+
+    threshold: float
+    hazard_prior: float = 0.0
 
 
 @runtime_checkable
@@ -33,8 +47,7 @@ class ShieldedStrategy:
         strategy: what adapts.
         space: the hypotheses of the case, over which the shield keeps a belief of its own.
         horizon: T, for the mask of the policy.
-        threshold: lambda.
-        hazard_prior: see `hazards`.
+        settings: of the shield.
 
     Raises:
         InputError: nothing is declared unsafe and there is no prior on hazards, or a number is out of
@@ -46,12 +59,11 @@ class ShieldedStrategy:
         strategy: Strategy,
         space: HypothesisSpace,
         horizon: int,
-        threshold: float,
-        hazard_prior: float = 0.0,
+        settings: ShieldSettings,
     ) -> None:
         self._strategy = strategy
-        self._watch = Watch(space, hazard_prior)
-        self._shield = RobustShield(self._watch.outcomes, threshold)
+        self._watch = Watch(space, settings.hazard_prior)
+        self._shield = RobustShield(self._watch.outcomes, settings.threshold)
         self._horizon = horizon
         self._start = np.append(space.initial, 0.0)
         self._restrict()
@@ -120,5 +132,5 @@ class ShieldedStrategy:
         """A planner keeps to what an episode's whole budget could allow in one step."""
         if isinstance(self._strategy, Restrictable):
             risk = self._shield.risk
-            within = risk.of_actions <= max(self._shield.threshold, 0.0)
-            self._strategy.restrict(risk.certain | within | slack_mask(risk, 0.0))
+            within = risk.of_actions <= self._shield.threshold
+            self._strategy.restrict(within | slack_mask(risk, 0.0))

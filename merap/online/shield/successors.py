@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from merap.mdp.model import Bools, Floats, Ints
 from merap.online.belief.actions import ActionTable
 from merap.online.belief.space import HypothesisSpace
 from merap.online.shield.outcomes import Rows, rows
+
+Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +71,10 @@ def joined(parts: Sequence[Rows]) -> Rows:
     """All rows as one, padded to the widest."""
     width = max(part.target.shape[1] for part in parts)
 
-    def padded(column: Ints | Floats) -> Ints | Floats:
-        return np.pad(column, ((0, 0), (0, width - column.shape[1])))
+    def padded(column: npt.NDArray[Number]) -> npt.NDArray[Number]:
+        wide = np.zeros((len(column), width), dtype=column.dtype)
+        wide[:, : column.shape[1]] = column
+        return wide
 
     return Rows(
         choice=np.concatenate([part.choice for part in parts]),

@@ -1,0 +1,164 @@
+"""Strategies behind a shield on the shipped cases; violations counted from outside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.combination import Condition
+from merap.errors import InputError
+from merap.mdp.model import Bools, Floats
+from merap.online.belief.space import HypothesisSpace, hypothesis_space
+from merap.online.belief.strategy import BeliefStrategy
+from merap.online.managed.slip import slipping_model
+from merap.online.running import episode
+from merap.online.shield.models import model_sets
+from merap.online.shield.policy import policy_risk
+from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.supervision import Safety, Supervised, total, unsafe_of
+from merap.online.strategy import StateIndex, Strategy
+from merap.online.systems import Observation, SimulatedSystem
+
+MODELS = Path(__file__).parents[1] / "models"
+
+
+@cache
+def shipped(name: str) -> tuple[CaseStudy, HypothesisSpace]:
+    case = load_case(MODELS / name)
+    return case, hypothesis_space(case)
+
+
+class Reckless:
+    """Drives at random and learns nothing."""
+
+    episodes_per_update = 1
+
+    def __init__(self, space: HypothesisSpace, generator: np.random.Generator) -> None:
+        self._generator = generator
+        self._shape = (space.num_states + 1, len(space.actions))
+
+    def begin(self, observation: Observation) -> None:
+        pass
+
+    def act(self, allowed: Bools) -> int:
+        return int(self._generator.choice(np.flatnonzero(allowed)))
+
+    def observe(self, action: int, observation: Observation) -> None:
+        pass
+
+    def update(self) -> None:
+        pass
+
+    def policy(self) -> Floats:
+        return np.full(self._shape, 1 / self._shape[1])
+
+    def explain(self) -> tuple[str, ...]:
+        return ("at random",)
+
+
+def met(name: str, strategy: Strategy, episodes: int, seed: int, system: str = "met") -> Safety:
+    case, space = shipped(name)
+    combination = case.system(system)
+    simulated = SimulatedSystem(combination, combination.objective.horizon, np.random.default_rng(seed))
+    unsafe = unsafe_of(combination)
+    assert unsafe is not None
+    supervised = Supervised(simulated, StateIndex(space.valuations), unsafe)
+    for _ in range(episodes):
+        episode(supervised, strategy)
+        strategy.update()
+    return supervised.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
+
+
+def shielded(name: str, strategy: Strategy, threshold: float, system: str = "met") -> ShieldedStrategy:
+    case, space = shipped(name)
+    horizon = case.system(system).objective.horizon
+    return ShieldedStrategy(strategy, space, horizon, ShieldSettings(threshold))
+
+
+@pytest.mark.parametrize("name", ["hazard-grid", "running-example"])
+def test_driving_at_random_is_safe_behind_a_shield_and_not_without(name: str) -> None:
+    _, space = shipped(name)
+    alone = met(name, Reckless(space, np.random.default_rng(1)), 12, 0)
+    kept = met(name, shielded(name, Reckless(space, np.random.default_rng(1)), 0.0), 8, 0)
+    # At random an episode is violated with a probability of RATE_A on hazard-grid and RATE_B on the
+    # running example (scripts/bench_shield.py), so 12 without any have one below LUCK; behind the
+    # shield none is.
+    assert alone.violations > 0
+    assert kept.violations == 0
+    assert kept.shield is not None
+    assert kept.shield.fallbacks == 0
+    assert kept.shield.withheld > 0
+    assert kept.shield.worst_risk == 0
+
+
+def test_a_planner_gets_to_the_goal_behind_a_shield() -> None:
+    _, space = shipped("hazard-grid")
+    planner = BeliefStrategy(space, 40, np.random.default_rng(2))
+    strategy = shielded("hazard-grid", planner, 0.0)
+    found = met("hazard-grid", strategy, 5, 3)
+    # By way of the upper rows the corner is at most 18 steps away; a robot that waits where its plan is
+    # forbidden would never complete.
+    assert (found.completed, found.violations) == (5, 0)
+    *_, line = strategy.explain()
+    assert line.startswith("shield at 0: ")
+
+
+def test_the_policy_is_within_the_mask_under_every_model_of_the_base() -> None:
+    case, space = shipped("hazard-grid")
+    strategy = shielded("hazard-grid", Reckless(space, np.random.default_rng(0)), 0.05)
+    policy = strategy.policy()
+    models = [slipping_model(combination, 0.0) for combination in case.combinations()]
+    sets = model_sets(models).outcomes(np.ones(len(models), dtype=np.bool_))
+    widened = np.concatenate([policy, np.zeros((*policy.shape[:-1], 1))], axis=-1)
+    start = np.append(space.initial, 0.0)
+    assert float(start @ policy_risk(sets, widened, 40)) <= 0.05
+    # Unmasked it would reach a hole nearly always.
+    even = np.full(widened.shape, 1 / widened.shape[-1])
+    assert float(start @ policy_risk(sets, even, 40)) > 0.5
+    np.testing.assert_allclose(policy.sum(axis=-1), 1, atol=1e-12)
+
+
+def test_an_island_is_reached_only_with_a_threshold() -> None:
+    # Every way to the goal in the middle risks a slide to both sides. At 0 nobody gets there; with the
+    # worst tyres of the base and what lies beyond it in mind 0.4 is enough, and the episodes that end in
+    # a hole are few (true risk 0.1 each; of 8 episodes more than 4 have a chance of 4e-4).
+    _, space = shipped("hazard-grid")
+    never = shielded("hazard-grid", BeliefStrategy(space, 40, np.random.default_rng(2)), 0.0, "island")
+    assert met("hazard-grid", never, 2, 3, "island").completed == 0
+    some = shielded("hazard-grid", BeliefStrategy(space, 40, np.random.default_rng(2)), 0.4, "island")
+    found = met("hazard-grid", some, 8, 3, "island")
+    assert found.completed >= 4
+    assert found.violations <= 4
+
+
+def test_sums_over_adaptations() -> None:
+    _, space = shipped("hazard-grid")
+    runs = [
+        met("hazard-grid", shielded("hazard-grid", Reckless(space, np.random.default_rng(n)), 0.0), 1, n)
+        for n in range(2)
+    ]
+    sums = total(runs)
+    assert (sums["episodes"], sums["violations"]) == (2, 0)
+    assert sums["shield"]["steps"] == sum(one.as_dict()["shield"]["steps"] for one in runs)
+    assert total([replace(one, shield=None) for one in runs])["shield"] is None
+
+
+def test_a_task_that_ends_in_an_unsafe_state_can_not_be_supervised() -> None:
+    case, _ = shipped("hazard-grid")
+    system = case.system("met")
+    assert unsafe_of(replace(system, objective=replace(system.objective, unsafe=None))) is None
+    ending = replace(system, objective=replace(system.objective, ends_in=Condition(at=unsafe_places(case))))
+    with pytest.raises(InputError, match=r"completed in the unsafe state \(row=\d, col=\d"):
+        unsafe_of(ending, required=True)
+    assert unsafe_of(ending) is None
+
+
+def unsafe_places(case: CaseStudy) -> Bools:
+    unsafe = unsafe_of(case.system("met"))
+    assert unsafe is not None
+    return unsafe[:-1]
