@@ -210,7 +210,7 @@ def test_what_it_is_as_data(of_hasty: Adaptation) -> None:
     found = of_hasty.as_dict()
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
-        *("strategy", "optimum", "worst", "runs", "summary"),
+        *("strategy", "optimum", "worst", "runs", "summary", "safety"),
     ]
     assert (found["reward_noise"], found["slip"], found["reset"]) == (0, 0, "episodes")
     assert (found["system"], found["strategy"]) == ("met", GRADIENT)

@@ -1,0 +1,59 @@
+"""`adapt --shield` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from merap.learning.run_folder import RunFolder
+from tests.trained_runs import MODELS, trained
+
+HAZARDS = MODELS.parent / "hazard-grid" / "case.yaml"
+
+
+def adapt(run: RunFolder, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "merap", "adapt", str(run.path), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return trained(tmp_path_factory.mktemp("runs") / "run", case=HAZARDS)
+
+
+def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFolder, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    options = ("--episodes-per-step", "3", "--steps", "1", "--seeds", "0:2")
+    done = adapt(run, *options, "--shield", "0", "--json", report)
+    assert done.returncode == 0, done.stderr
+    safety = json.loads(report.read_text())["safety"]
+    assert (safety["total"]["episodes"], safety["total"]["violations"]) == (6, 0)
+    assert safety["total"]["shield"]["fallbacks"] == 0
+    assert [one["episodes"] for one in safety["runs"]] == [3, 3]
+    assert "violations: 0 of 6 episodes" in done.stdout
+    assert "shield at 0: " in done.stdout
+    alone = adapt(run, *options, "--json", "-")
+    unshielded = json.loads(alone.stdout)["safety"]["total"]
+    assert unshielded["episodes"] == 6
+    assert unshielded["shield"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--shield", "1.5"), "the threshold of a shield must be in [0, 1], it is 1.5"),
+        (("--shield", "0", "--hazard-prior", "1"), "the prior on hazards must be in [0, 1), it is 1.0"),
+        (("--hazard-prior", "0.1"), "--hazard-prior: a prior on hazards needs a shield: give --shield too"),
+    ],
+)
+def test_a_shield_that_makes_no_sense_is_refused(
+    run: RunFolder, arguments: tuple[str, ...], complaint: str
+) -> None:
+    done = adapt(run, *arguments)
+    assert done.returncode == 2
+    assert complaint in " ".join(done.stderr.split())
+    assert done.stdout == ""
