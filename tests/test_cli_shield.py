@@ -42,18 +42,8 @@ def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFol
     assert unshielded["shield"] is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("--shield", "1.5"), "the threshold of a shield must be in [0, 1], it is 1.5"),
-        (("--shield", "0", "--hazard-prior", "1"), "the prior on hazards must be in [0, 1), it is 1.0"),
-        (("--hazard-prior", "0.1"), "--hazard-prior: a prior on hazards needs a shield: give --shield too"),
-    ],
-)
-def test_a_shield_that_makes_no_sense_is_refused(
-    run: RunFolder, arguments: tuple[str, ...], complaint: str
-) -> None:
-    done = adapt(run, *arguments)
+def test_a_prior_without_a_shield_is_refused(run: RunFolder) -> None:
+    done = adapt(run, "--hazard-prior", "0.1")
     assert done.returncode == 2
-    assert complaint in " ".join(done.stderr.split())
+    assert "--hazard-prior: a prior on hazards needs a shield: give --shield too" in done.stderr
     assert done.stdout == ""

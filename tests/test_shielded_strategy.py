@@ -84,7 +84,7 @@ def shielded(name: str, strategy: Strategy, threshold: float, system: str = "met
 def test_driving_at_random_is_safe_behind_a_shield_and_not_without(name: str) -> None:
     _, space = shipped(name)
     alone = met(name, Reckless(space, np.random.default_rng(1)), 12, 0)
-    kept = met(name, shielded(name, Reckless(space, np.random.default_rng(1)), 0.0), 8, 0)
+    kept = met(name, shielded(name, Reckless(space, np.random.default_rng(1)), 0.0), 4, 0)
     # At random an episode is violated with a probability of RATE_A on hazard-grid and RATE_B on the
     # running example (scripts/bench_shield.py), so 12 without any have one below LUCK; behind the
     # shield none is.
@@ -100,10 +100,10 @@ def test_a_planner_gets_to_the_goal_behind_a_shield() -> None:
     _, space = shipped("hazard-grid")
     planner = BeliefStrategy(space, 40, np.random.default_rng(2))
     strategy = shielded("hazard-grid", planner, 0.0)
-    found = met("hazard-grid", strategy, 5, 3)
+    found = met("hazard-grid", strategy, 3, 3)
     # By way of the upper rows the corner is at most 18 steps away; a robot that waits where its plan is
     # forbidden would never complete.
-    assert (found.completed, found.violations) == (5, 0)
+    assert (found.completed, found.violations) == (3, 0)
     *_, line = strategy.explain()
     assert line.startswith("shield at 0: ")
 
@@ -126,14 +126,14 @@ def test_the_policy_is_within_the_mask_under_every_model_of_the_base() -> None:
 def test_an_island_is_reached_only_with_a_threshold() -> None:
     # Every way to the goal in the middle risks a slide to both sides. At 0 nobody gets there; with the
     # worst tyres of the base and what lies beyond it in mind 0.4 is enough, and the episodes that end in
-    # a hole are few (true risk 0.1 each; of 8 episodes more than 4 have a chance of 4e-4).
+    # a hole are few (true risk 0.1 each; of 5 episodes more than 3 have a chance of 5e-4).
     _, space = shipped("hazard-grid")
     never = shielded("hazard-grid", BeliefStrategy(space, 40, np.random.default_rng(2)), 0.0, "island")
-    assert met("hazard-grid", never, 2, 3, "island").completed == 0
+    assert met("hazard-grid", never, 1, 3, "island").completed == 0
     some = shielded("hazard-grid", BeliefStrategy(space, 40, np.random.default_rng(2)), 0.4, "island")
-    found = met("hazard-grid", some, 8, 3, "island")
-    assert found.completed >= 4
-    assert found.violations <= 4
+    found = met("hazard-grid", some, 5, 3, "island")
+    assert found.completed >= 2
+    assert found.violations <= 3
 
 
 def test_sums_over_adaptations() -> None:
