@@ -6,7 +6,7 @@ watched changes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -71,6 +71,15 @@ class Readings:
 
     def __len__(self) -> int:
         return len(self.reward)
+
+    def part(self, chosen: slice | Bools) -> Readings:
+        """Some of the readings, in their order."""
+        arrays = {
+            entry.name: getattr(self, entry.name)[chosen]
+            for entry in fields(self)
+            if entry.name != "policy_value"
+        }
+        return Readings(**arrays, policy_value=self.policy_value)
 
     def __getitem__(self, index: int) -> Reading:
         """The reading of one step."""
@@ -183,6 +192,16 @@ class Forecast:
         near = self._near[place] == key
         spread: Floats = NEAR * near / self._num_near[steps.state] + (1 - NEAR) / num_states
         return spread
+
+
+def joined(first: Readings, second: Readings) -> Readings:
+    """One stream and then another, both held against one model."""
+    arrays = {
+        entry.name: np.concatenate([getattr(first, entry.name), getattr(second, entry.name)])
+        for entry in fields(first)
+        if entry.name != "policy_value"
+    }
+    return Readings(**arrays, policy_value=first.policy_value)
 
 
 def _neighbourhoods(model: TabularMDP) -> tuple[Ints, Ints]:

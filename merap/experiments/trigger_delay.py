@@ -1,0 +1,216 @@
+"""How long triggers take to see a change, and how often they see one that is not there.
+
+A policy that is best for a known combination is carried out; then another combination is there. Delays
+are in episodes: 1 is the episode in which the change came.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from merap.concerns.case_study import CaseStudy
+from merap.concerns.combination import Combination
+from merap.experiments.trigger_streams import Effect, Known, Noise, effect, gaussian, known, stream
+from merap.mdp.model import Floats, TabularMDP
+from merap.online.managed.slip import slipping_model
+from merap.online.running import executed
+from merap.online.trigger.batch import first_alarm, trace, window_rewards
+from merap.online.trigger.readings import Forecast, Readings, Steps, joined
+from merap.online.trigger.settings import ChangeSettings, WindowSettings
+
+# A loss of that part of the value must be seen.
+COSTLY = 0.2
+NOTHING = 1e-9
+# Episodes before a change, in which evidence settles to what is usual without one.
+BEFORE = 30
+KINDS = ("costly", "small", "harmless", "off the path")
+
+
+@dataclass(frozen=True)
+class World:
+    """What is really there, and what is stated of it.
+
+    Attributes:
+        slip: stated, so part of the known model.
+        noise: standard deviation of the noise on rewards that is stated.
+        real_slip: None: as stated.
+        real_noise: None: Gaussian, as stated.
+        lost: probability that a step is not seen.
+    """
+
+    slip: float = 0.1
+    noise: float = 0.5
+    real_slip: float | None = None
+    real_noise: Noise | None = None
+    lost: float = 0.0
+
+    @property
+    def settings(self) -> ChangeSettings:
+        """The detector's defaults, with the stated noise."""
+        return ChangeSettings(noise=self.noise)
+
+    def model(self, combination: Combination) -> TabularMDP:
+        """The combination as it really is."""
+        return slipping_model(combination, self.slip if self.real_slip is None else self.real_slip)
+
+    def episodes(self, before: Known, real: TabularMDP, count: int, generator: np.random.Generator) -> Steps:
+        """Episodes as they are really seen, but for those that are lost."""
+        return stream(before, real, count, self.real_noise or gaussian(self.noise), generator)
+
+    def seen(self, readings: Readings, generator: np.random.Generator) -> Readings:
+        """Without what is lost."""
+        if self.lost == 0:
+            return readings
+        return readings.part(generator.random(len(readings)) >= self.lost)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A known combination, and what is there after a change.
+
+    Attributes:
+        name: of both.
+        before: what is known.
+        same: what is really there before the change.
+        real: what is there after it.
+        effect: on the policy that is carried out.
+    """
+
+    name: str
+    before: Known
+    same: TabularMDP
+    real: TabularMDP
+    effect: Effect
+
+    @property
+    def kind(self) -> str:
+        """One of `KINDS`."""
+        if not self.effect.visited:
+            return "off the path"
+        if self.effect.loss >= COSTLY:
+            return "costly"
+        return "small" if self.effect.loss > NOTHING else "harmless"
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Streams of one change, before and after it.
+
+    Attributes:
+        change: what changes.
+        streams: one for each seed: the readings, and the number of steps before the change.
+        information: nats by which an episode after the change tells it, on average, if one knows what to
+            look for: the relative entropy of what is there to what is known.
+    """
+
+    change: Change
+    streams: tuple[tuple[Readings, int], ...] = field(repr=False)
+    information: float
+
+
+def changes(case: CaseStudy, count: int, world: World, generator: np.random.Generator) -> Iterator[Change]:
+    """Draw combinations, and for each another one that differs in one concern or in any.
+
+    Args:
+        case: the case.
+        count: how many.
+        world: what is stated.
+        generator: of what is drawn.
+    """
+    for number in range(count):
+        indices = [int(generator.integers(size)) for size in case.shape]
+        old, new = case.combine(*indices), _other(case, indices, number, generator)
+        before = known(old, world.slip)
+        real = world.model(new)
+        yield Change(f"{old.name} -> {new.name}", before, world.model(old), real, effect(before, real))
+
+
+def _other(
+    case: CaseStudy, known_one: Sequence[int], number: int, generator: np.random.Generator
+) -> Combination:
+    """Another combination; in turn one concern changes alone, or all do."""
+    indices = list(known_one)
+    variable = [concern for concern, size in enumerate(case.shape) if size > 1]
+    turn = number % (len(variable) + 1)
+    changing = variable if turn == len(variable) else [variable[turn]]
+    for concern in changing:
+        size = case.shape[concern]
+        indices[concern] = (indices[concern] + int(generator.integers(1, size))) % size
+    return case.combine(*indices)
+
+
+def watch(change: Change, world: World, seeds: int, episodes: int, generator: np.random.Generator) -> Watched:
+    """Draw streams of a change.
+
+    Args:
+        change: what changes.
+        world: slip and noise, stated and real.
+        seeds: how many streams.
+        episodes: after the change.
+        generator: of all draws.
+    """
+    settings = world.settings
+    forecast = change.before.forecast(settings)
+    informed = Forecast(
+        change.real, executed(change.real, change.before.policy), change.before.horizon, settings
+    )
+    streams, information = [], []
+    for _ in range(seeds):
+        earlier = forecast.read(world.episodes(change.before, change.same, BEFORE, generator))
+        steps = world.episodes(change.before, change.real, episodes, generator)
+        later = forecast.read(steps)
+        information.append(_told(later, informed.read(steps), settings.noise) / episodes)
+        earlier, later = world.seen(earlier, generator), world.seen(later, generator)
+        streams.append((joined(earlier, later), len(earlier)))
+    return Watched(change, tuple(streams), float(np.mean(information)))
+
+
+def _told(by_known: Readings, by_real: Readings, noise: float) -> float:
+    """Logarithm of the likelihood ratio of what is there to what is known."""
+    misfit = (by_known.reward - by_known.expected_reward) ** 2
+    fit = (by_real.reward - by_real.expected_reward) ** 2
+    of_rewards = (misfit - fit) / (2 * noise**2)
+    return float((by_real.log_likelihood - by_known.log_likelihood + of_rewards).sum())
+
+
+def change_delays(watched: Watched, settings: ChangeSettings, log_threshold: float | None = None) -> Floats:
+    """float64 [seeds], episodes until the alarm; infinite if there is none, NaN if it came too early."""
+    alarms = [
+        first_alarm(trace(settings, readings), settings, log_threshold) for readings, _ in watched.streams
+    ]
+    return _delays(watched, alarms)
+
+
+def window_delays(watched: Watched, settings: WindowSettings) -> Floats:
+    """The same for the paper's trigger; alarms before the change are passed over."""
+    alarms = []
+    for readings, begin in watched.streams:
+        ends, rewards = window_rewards(settings, readings)
+        missed = ends[(rewards < settings.threshold) & (ends >= begin)]
+        alarms.append(int(missed[0]) if len(missed) else None)
+    return _delays(watched, alarms)
+
+
+def _delays(watched: Watched, alarms: Sequence[int | None]) -> Floats:
+    found = np.full(len(alarms), np.inf)
+    for number, (alarm, (readings, begin)) in enumerate(zip(alarms, watched.streams, strict=True)):
+        if alarm is not None:
+            found[number] = math.nan if alarm < begin else 1 + readings.last[begin:alarm].sum()
+    return found
+
+
+def unchanged(
+    before: Known, same: TabularMDP, world: World, steps: int, generator: np.random.Generator
+) -> Readings:
+    """At least that many steps without a change; `count_alarms` tells what a detector makes of them."""
+    count = 1 + steps // 10
+    readings: Readings | None = None
+    while readings is None or len(readings) < steps:
+        drawn = world.episodes(before, same, count, generator)
+        more = world.seen(before.forecast(world.settings).read(drawn), generator)
+        readings = more if readings is None else joined(readings, more)
+    return readings.part(slice(0, steps))

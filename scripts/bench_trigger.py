@@ -1,0 +1,199 @@
+"""Measure the trigger: bench_trigger.py [--json FILE] [--plot FILE].
+
+With 10 % slip and Gaussian noise of 0.5 on rewards, both stated: 10^5 steps without a change in each
+stream; changes to other combinations, which differ in one concern or in all; the curve of delay against
+false alarms, beside the paper's trigger.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import defaultdict
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from merap.concerns.case_study import CaseStudy, load_case
+from merap.experiments.trigger_curve import SOON, STEPS, Point, change_curve, window_curve
+from merap.experiments.trigger_delay import KINDS, Watched, World, change_delays, changes, unchanged, watch
+from merap.experiments.trigger_streams import known
+from merap.experiments.trigger_worlds import WORLDS
+from merap.online.trigger.batch import count_alarms, window_rewards
+from merap.online.trigger.readings import Readings
+from merap.online.trigger.settings import WindowSettings
+from merap.report.delays import draw_delays
+from merap.report.saving import save_figure
+
+MODELS = Path(__file__).parents[1] / "models"
+CASES = ("paper-grid/rq1-1.yaml", "paper-grid/rq1-2.yaml", "paper-grid/rq1-4.yaml", "running-example")
+# Episodes after a change; one that costs nothing must stay without an alarm for longer.
+EPISODES = {"costly": 30, "small": 30, "harmless": 200, "off the path": 200}
+# Streams without a change that the curves are made from.
+CURVE_STREAMS = 20
+LOG_THRESHOLDS = (5, 7, 9, 11, 13, 16.1, 19)
+MARGINS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
+WINDOWS = {
+    "the paper's window: an episode": WindowSettings(threshold=0.0),
+    "the paper's window: 50 steps": WindowSettings(threshold=0.0, steps=50),
+}
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write all figures.")]
+Plot = Annotated[Path | None, typer.Option(help="Draw the curve of delay against false alarms.")]
+
+
+def trigger(
+    json_file: Json = None,
+    plot: Plot = None,
+    case: Annotated[list[str] | None, typer.Option(help="Below models/; four shipped ones.")] = None,
+    world: Annotated[str, typer.Option(help=f"What is there: {', '.join(WORLDS)}.")] = "as stated",
+    combinations: Annotated[int, typer.Option(help="Without a change, for each case.")] = 5,
+    changed: Annotated[int, typer.Option(help="Changes drawn for each case.")] = 50,
+    seeds: Annotated[int, typer.Option(help="Streams for each combination and each change.")] = 4,
+    seed: int = 0,
+) -> None:
+    """False alarms, delays, and the curve of the one against the other."""
+    if world not in WORLDS:
+        raise typer.BadParameter(f"there is no world {world!r}; allowed: {', '.join(WORLDS)}")
+    began = time.perf_counter()
+    names = case or CASES
+    figures: dict[str, Any] = {"world": world, "settings": WORLDS[world].settings.model_dump()}
+    generator = np.random.default_rng(seed)
+    quiet: list[Readings] = []
+    costly: list[Watched] = []
+    rows: list[dict[str, Any]] = []
+    for name in names:
+        study = load_case(MODELS / name)
+        quiet += _quiet(study, WORLDS[world], combinations, seeds, generator)
+        for one in track(changes(study, changed, WORLDS[world], generator), study.name, total=changed):
+            watched = watch(one, WORLDS[world], seeds, EPISODES[one.kind], generator)
+            rows.append(_row(study, watched, WORLDS[world]))
+            if one.kind == "costly":
+                costly.append(watched)
+    alarms = [count_alarms(WORLDS[world].settings, readings) for readings in quiet]
+    figures["without a change"] = _without_change(alarms)
+    figures["kinds"] = {kind: _of_kind([row for row in rows if row["kind"] == kind]) for kind in KINDS}
+    figures["changes"] = rows
+    if plot is not None or json_file is not None:
+        curves = _curves(WORLDS[world], quiet[:: max(1, len(quiet) // CURVE_STREAMS)], costly)
+        figures["curves"] = {name: [asdict(point) for point in points] for name, points in curves.items()}
+        if plot is not None:
+            pairs = {
+                name: [(one.false_alarms, one.delay) for one in points] for name, points in curves.items()
+            }
+            save_figure(draw_delays(pairs, "Delay against false alarms"), plot, force=True)
+    figures["seconds"] = time.perf_counter() - began
+    _show(figures)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _quiet(
+    study: CaseStudy, world: World, combinations: int, seeds: int, generator: np.random.Generator
+) -> list[Readings]:
+    streams = []
+    for combination in study.sample(min(combinations, study.size), generator):
+        before, same = known(combination, world.slip), world.model(combination)
+        streams += [unchanged(before, same, world, STEPS, generator) for _ in range(seeds)]
+    return streams
+
+
+def _row(study: CaseStudy, watched: Watched, world: World) -> dict[str, Any]:
+    settings = world.settings
+    delays = change_delays(watched, settings)
+    seen = delays[np.isfinite(delays)]
+    threshold = float(np.log(settings.steps_per_false_alarm))
+    told = watched.information
+    return {
+        "case": study.name,
+        "change": watched.change.name,
+        "kind": watched.change.kind,
+        "loss": watched.change.effect.loss,
+        "streams": len(delays),
+        "alarms before the change": int(np.isnan(delays).sum()),
+        "alarms": len(seen),
+        "soon": int((delays <= SOON).sum()),
+        "median delay": float(np.median(seen)) if len(seen) else None,
+        "most": float(seen.max()) if len(seen) else None,
+        "nats per episode": told,
+        # evidence must reach the threshold, and no detector gathers more than what is told (Lorden 1971)
+        "least mean delay": threshold / told if told > 0 else None,
+    }
+
+
+def _without_change(alarms: list[int]) -> dict[str, Any]:
+    return {
+        "streams": len(alarms),
+        "steps of each": STEPS,
+        "false alarms": sum(alarms),
+        "most in a stream": max(alarms),
+        "streams with at most one": sum(count <= 1 for count in alarms),
+    }
+
+
+def _of_kind(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    totals: dict[str, int] = defaultdict(int)
+    for row in rows:
+        for name in ("streams", "alarms", "soon", "alarms before the change"):
+            totals[name] += row[name]
+    return {
+        "changes": len(rows),
+        **totals,
+        "part within 3 episodes": totals["soon"] / totals["streams"] if rows else None,
+        "changes with 95 percent within 3": sum(row["soon"] >= 0.95 * row["streams"] for row in rows),
+        "most": max((row["most"] for row in rows if row["most"] is not None), default=None),
+    }
+
+
+def _curves(world: World, quiet: list[Readings], costly: list[Watched]) -> dict[str, list[Point]]:
+    longest = EPISODES["costly"]
+    curves = {"change detector": change_curve(world.settings, quiet, costly, LOG_THRESHOLDS, longest)}
+    for name, settings in WINDOWS.items():
+        pairs = []
+        for watched in costly:
+            before = [readings.part(slice(0, begin)) for readings, begin in watched.streams]
+            rewards = [window_rewards(settings, readings)[1] for readings in before]
+            pairs.append((watched, float(np.concatenate(rewards).mean())))
+        curves[name] = window_curve(settings, quiet, pairs, MARGINS, longest)
+    return curves
+
+
+def _show(figures: dict[str, Any]) -> None:
+    console = Console()
+    table = Table("figure", "value", title=f"without a change ({figures['world']})")
+    for name, value in figures["without a change"].items():
+        table.add_row(name, f"{value:,}")
+    console.print(table)
+    columns = (
+        "changes",
+        "streams",
+        "alarms",
+        "part within 3 episodes",
+        "changes with 95 percent within 3",
+        "most",
+    )
+    table = Table("kind", *columns, title="with a change")
+    for kind, row in figures["kinds"].items():
+        table.add_row(kind, *(_text(row.get(name)) for name in columns))
+    console.print(table)
+    table = Table("trigger", "threshold", "false alarms in 100,000", "mean delay", "within 3", title="curves")
+    for name, points in figures.get("curves", {}).items():
+        for point in points:
+            cells = (point["threshold"], point["false_alarms"], point["delay"], point["soon"])
+            table.add_row(name, *map(_text, cells))
+    console.print(table)
+    console.print(f"{figures['seconds']:.0f} s")
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    typer.run(trigger)

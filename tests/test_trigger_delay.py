@@ -1,0 +1,139 @@
+"""What the trigger must show, at a smaller scale than `bench.py trigger`; slip and noise are stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from merap.concerns.case_study import load_case
+from merap.concerns.combination import Combination
+from merap.experiments.trigger_delay import (
+    KINDS,
+    Change,
+    World,
+    change_delays,
+    changes,
+    unchanged,
+    watch,
+    window_delays,
+)
+from merap.experiments.trigger_streams import Known, effect, known
+from merap.online.trigger.batch import count_alarms, first_alarm, trace
+from merap.online.trigger.settings import WindowSettings
+from tests.hand_made import cells, grid_combination
+
+WORLD = World(slip=0.1, noise=0.5)
+GOAL = (4, 4)
+
+
+@cache
+def before() -> Known:
+    return known(grid_combination(goal=GOAL), WORLD.slip)
+
+
+def change_to(combination: Combination) -> Change:
+    real = WORLD.model(combination)
+    return Change("", before(), before().model, real, effect(before(), real))
+
+
+def first_cell() -> tuple[int, int]:
+    """The way leads through it with certainty."""
+    return {2: (1, 0), 4: (0, 1)}[int(before().policy[0, 0].argmax())]
+
+
+def test_100_000_steps_without_a_change() -> None:
+    """The bound gives 1 % for an alarm in a stream, so 10^-4 for two; this seed has none in three."""
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        readings = unchanged(before(), before().model, WORLD, 100_000, generator)
+        assert len(readings) == 100_000
+        assert count_alarms(WORLD.settings, readings) <= 1
+
+
+def test_the_bound_on_false_alarms_holds_and_is_not_vacuous() -> None:
+    """Within n steps the evidence passes c with a probability of at most n / c.
+
+    1000 streams; 4 standard deviations of the bound itself are added, which luck passes once in 30,000.
+    """
+    readings = unchanged(before(), before().model, WORLD, 200_000, np.random.default_rng(1))
+    streams = [readings.part(slice(begin, begin + 200)) for begin in range(0, 200_000, 200)]
+    highest = np.exp([trace(WORLD.settings, one).evidence.max() for one in streams])
+    for bound in (0.5, 0.2, 0.1):
+        passed = (highest >= 200 / bound).mean()
+        assert passed <= bound + 4 * np.sqrt(bound * (1 - bound) / 1000)
+    assert (highest >= 200 / 0.5).any()
+
+
+@pytest.mark.parametrize("what", ["blocked", "no entry", "another goal"])
+def test_a_costly_change_is_seen_within_three_episodes(what: str) -> None:
+    """20 seeds each; all of them see it here, 95 percent are demanded."""
+    combination = {
+        "blocked": grid_combination(blocked=cells(first_cell()), goal=GOAL),
+        "no entry": grid_combination(no_entry=cells(first_cell()), goal=GOAL),
+        "another goal": grid_combination(goal=(4, 5)),
+    }[what]
+    change = change_to(combination)
+    assert change.kind == "costly"
+    delays = change_delays(watch(change, WORLD, 20, 10, np.random.default_rng(2)), WORLD.settings)
+    assert (delays <= 3).mean() >= 0.95
+    assert np.nanmin(delays) >= 1
+
+
+def test_a_change_off_the_path_is_no_reason() -> None:
+    change = change_to(grid_combination(blocked=cells((8, 8), (7, 0)), goal=GOAL))
+    assert change.kind == "off the path"
+    watched = watch(change, WORLD, 5, 300, np.random.default_rng(3))
+    assert np.all(np.isinf(change_delays(watched, WORLD.settings)))
+    assert watched.information == pytest.approx(0, abs=1e-9)
+
+
+def test_a_change_for_the_better_is_no_reason() -> None:
+    """The robot slips less than was stated: that is visible, but nothing is lost by it."""
+    world = replace(WORLD, real_slip=0.0)
+    real = world.model(grid_combination(goal=GOAL))
+    change = Change("", before(), before().model, real, effect(before(), real))
+    assert change.kind == "harmless"
+    watched = watch(change, WORLD, 5, 300, np.random.default_rng(4))
+    assert watched.information > 0.5
+    assert np.all(np.isinf(change_delays(watched, WORLD.settings)))
+
+
+def test_an_alarm_before_the_change_is_no_detection() -> None:
+    change = change_to(grid_combination(blocked=cells(first_cell()), goal=GOAL))
+    watched = watch(change, WORLD, 3, 10, np.random.default_rng(5))
+    eager = WORLD.settings.model_copy(update={"deviations": 1e-9, "tolerated_loss": 0.0})
+    assert np.all(np.isnan(change_delays(watched, eager, log_threshold=0.01)))
+
+
+def test_delays_are_counted_in_episodes() -> None:
+    """A blocked way costs every step: the first episode after the change earns -9 or so."""
+    change = change_to(grid_combination(blocked=cells(first_cell()), goal=GOAL))
+    watched = watch(change, WORLD, 5, 10, np.random.default_rng(6))
+    assert window_delays(watched, WindowSettings(threshold=-3.0)).tolist() == [1.0] * 5
+    assert np.all(np.isinf(window_delays(watched, WindowSettings(threshold=-100.0))))
+    for readings, begin in watched.streams:
+        alarm = first_alarm(trace(WORLD.settings, readings), WORLD.settings)
+        assert alarm is not None
+        assert alarm >= begin
+
+
+def test_drawn_changes_are_of_all_sorts_and_repeat_with_the_seed() -> None:
+    case = load_case("models/running-example")
+    first, second = (list(changes(case, 12, WORLD, np.random.default_rng(7))) for _ in range(2))
+    assert [one.name for one in first] == [one.name for one in second]
+    assert len({one.kind for one in first} & set(KINDS)) >= 3
+    # in turn environment, capability, objective, all
+    parts = [[name.split(".") for name in one.name.split(" -> ")] for one in first[:4]]
+    differ = [[a != b for a, b in zip(*pair, strict=True)] for pair in parts]
+    assert differ == [[True, False, False], [False, True, False], [False, False, True], [True] * 3]
+
+
+def test_what_is_lost_is_missing() -> None:
+    world = replace(WORLD, lost=0.25)
+    readings = unchanged(before(), before().model, world, 4000, np.random.default_rng(8))
+    assert len(readings) == 4000
+    whole = unchanged(before(), before().model, WORLD, 4000, np.random.default_rng(8))
+    assert world.seen(whole, np.random.default_rng(9)).reward.size == pytest.approx(3000, abs=120)
