@@ -1,4 +1,4 @@
-"""Measure merap: bench.py export | adaptation | online [--json FILE].
+"""Measure merap: bench.py export | adaptation | online | trigger [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import bench_online
+import bench_trigger
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -50,6 +51,7 @@ rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
 
 
 app.command()(bench_online.online)
+app.command()(bench_trigger.trigger)
 
 
 @app.callback()

@@ -37,6 +37,7 @@ CASES = ("paper-grid/rq1-1.yaml", "paper-grid/rq1-2.yaml", "paper-grid/rq1-4.yam
 EPISODES = {"costly": 30, "small": 30, "harmless": 200, "off the path": 200}
 # Streams without a change that the curves are made from.
 CURVE_STREAMS = 20
+WIDTH = 120
 LOG_THRESHOLDS = (5, 7, 9, 11, 13, 16.1, 19)
 MARGINS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 WINDOWS = {
@@ -58,30 +59,17 @@ def trigger(
     seeds: Annotated[int, typer.Option(help="Streams for each combination and each change.")] = 4,
     seed: int = 0,
 ) -> None:
-    """False alarms, delays, and the curve of the one against the other."""
+    """False alarms and delays of the trigger; with --json or --plot their curves, over its thresholds."""
     if world not in WORLDS:
         raise typer.BadParameter(f"there is no world {world!r}; allowed: {', '.join(WORLDS)}")
     began = time.perf_counter()
-    names = case or CASES
-    figures: dict[str, Any] = {"world": world, "settings": WORLDS[world].settings.model_dump()}
     generator = np.random.default_rng(seed)
-    quiet: list[Readings] = []
-    costly: list[Watched] = []
-    rows: list[dict[str, Any]] = []
-    for name in names:
-        study = load_case(MODELS / name)
-        quiet += _quiet(study, WORLDS[world], combinations, seeds, generator)
-        for one in track(changes(study, changed, WORLDS[world], generator), study.name, total=changed):
-            watched = watch(one, WORLDS[world], seeds, EPISODES[one.kind], generator)
-            rows.append(_row(study, watched, WORLDS[world]))
-            if one.kind == "costly":
-                costly.append(watched)
-    alarms = [count_alarms(WORLDS[world].settings, readings) for readings in quiet]
-    figures["without a change"] = _without_change(alarms)
-    figures["kinds"] = {kind: _of_kind([row for row in rows if row["kind"] == kind]) for kind in KINDS}
-    figures["changes"] = rows
+    streams = _Streams(WORLDS[world], combinations, changed, seeds)
+    for name in case or CASES:
+        streams.add(load_case(MODELS / name), generator)
+    figures = {"world": world, **streams.figures()}
     if plot is not None or json_file is not None:
-        curves = _curves(WORLDS[world], quiet[:: max(1, len(quiet) // CURVE_STREAMS)], costly)
+        curves = streams.curves()
         figures["curves"] = {name: [asdict(point) for point in points] for name, points in curves.items()}
         if plot is not None:
             pairs = {
@@ -92,6 +80,44 @@ def trigger(
     _show(figures)
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+class _Streams:
+    """What is measured: streams without a change, and with one."""
+
+    def __init__(self, world: World, combinations: int, changed: int, seeds: int) -> None:
+        self._world, self._seeds = world, seeds
+        self._combinations, self._changed = combinations, changed
+        self._quiet: list[Readings] = []
+        self._costly: list[Watched] = []
+        self._rows: list[dict[str, Any]] = []
+
+    def add(self, study: CaseStudy, generator: np.random.Generator) -> None:
+        """Draw streams of a case."""
+        self._quiet += _quiet(study, self._world, self._combinations, self._seeds, generator)
+        drawn = changes(study, self._changed, self._world, generator)
+        for one in track(drawn, study.name, total=self._changed):
+            watched = watch(one, self._world, self._seeds, EPISODES[one.kind], generator)
+            self._rows.append(_row(study, watched, self._world))
+            if one.kind == "costly":
+                self._costly.append(watched)
+
+    def figures(self) -> dict[str, Any]:
+        """With the settings as they are."""
+        settings, rows = self._world.settings, self._rows
+        return {
+            "settings": settings.model_dump(),
+            "without a change": _without_change(
+                [count_alarms(settings, readings) for readings in self._quiet]
+            ),
+            "kinds": {kind: _of_kind([row for row in rows if row["kind"] == kind]) for kind in KINDS},
+            "changes": rows,
+        }
+
+    def curves(self) -> dict[str, list[Point]]:
+        """Over thresholds, of each trigger."""
+        quiet = self._quiet[:: max(1, len(self._quiet) // CURVE_STREAMS)]
+        return _curves(self._world, quiet, self._costly)
 
 
 def _quiet(
@@ -166,6 +192,7 @@ def _curves(world: World, quiet: list[Readings], costly: list[Watched]) -> dict[
 
 def _show(figures: dict[str, Any]) -> None:
     console = Console()
+    console.width = max(console.width, WIDTH)
     table = Table("figure", "value", title=f"without a change ({figures['world']})")
     for name, value in figures["without a change"].items():
         table.add_row(name, f"{value:,}")
@@ -182,13 +209,18 @@ def _show(figures: dict[str, Any]) -> None:
     for kind, row in figures["kinds"].items():
         table.add_row(kind, *(_text(row.get(name)) for name in columns))
     console.print(table)
+    if "curves" in figures:
+        console.print(_curve_table(figures["curves"]))
+    console.print(f"{figures['seconds']:.0f} s")
+
+
+def _curve_table(curves: dict[str, list[dict[str, float]]]) -> Table:
     table = Table("trigger", "threshold", "false alarms in 100,000", "mean delay", "within 3", title="curves")
-    for name, points in figures.get("curves", {}).items():
+    for name, points in curves.items():
         for point in points:
             cells = (point["threshold"], point["false_alarms"], point["delay"], point["soon"])
             table.add_row(name, *map(_text, cells))
-    console.print(table)
-    console.print(f"{figures['seconds']:.0f} s")
+    return table
 
 
 def _text(value: float | None) -> str:
