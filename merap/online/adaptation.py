@@ -235,7 +235,7 @@ def _followed(
     on_step: OnStep,
 ) -> tuple[Run, Floats, Floats, Safety]:
     """One adaptation, with the policies before and after, and what happened."""
-    simulated = _simulated(met, generator)
+    simulated = met_system(met, generator)
     nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
     supervised = Supervised(
         simulated, StateIndex(met.model.valuations), nowhere if met.unsafe is None else met.unsafe
@@ -251,7 +251,7 @@ def _followed(
     return run, before, executed(met.model, strategy.policy()), safety
 
 
-def _simulated(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
+def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
     """What is met, with its detectors."""
     assert met.conditions.reset is not None
     return SimulatedSystem(

@@ -12,10 +12,12 @@ import jinja2
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.mdp.model import Bools
+from merap.mdp.model import Bools, TabularMDP
 from merap.prism.capability_text import capability_text
+from merap.prism.lines import Formula
 from merap.prism.location_text import predicate
-from merap.prism.objective_text import objective_text
+from merap.prism.objective_text import ObjectiveText, objective_text
+from merap.prism.policy_text import policy_text
 from merap.prism.space_text import space_text
 from merap.prism.step_text import StepWriter
 from merap.prism.terms import bare, conjunction
@@ -43,6 +45,51 @@ def render_pair(combination: Combination, starts: Bools) -> str:
     return _render(combination, starts, with_objective=False)
 
 
+def render_policy(combination: Combination, chain: TabularMDP, title: str) -> str:
+    """A system under a policy as a Markov chain, with the labels and rewards of its combination.
+
+    Args:
+        combination: of the system.
+        chain: what the policy makes of the combination's whole model, one choice for each
+            state; all of them reachable, in the variables of `render`.
+        title: one line that says which policy it is.
+    """
+    assert "\n" not in title, title
+    starts = combination.objective.start > 0
+    fixed_start = int(np.count_nonzero(starts)) == 1
+    writer = StepWriter(combination)
+    objective = objective_text(writer, fixed_start=fixed_start)
+    of_moves = StepWriter(combination)  # another one, as the chain needs no attributes for moves
+    return _lines(
+        "policy.prism.j2",
+        combination=combination,
+        title=title,
+        space=space_text(of_moves, starts),
+        capability=capability_text(of_moves, fixed_start=fixed_start),
+        start_key=[] if fixed_start else _start_key(combination),
+        attributes=_named_in(objective, writer.take_attributes()),
+        objective=objective,
+        policy=policy_text(combination, chain),
+        initial=None if fixed_start else _initial(writer, starts),
+    )
+
+
+def _named_in(objective: ObjectiveText, attributes: list[Formula]) -> list[Formula]:
+    """The formulas that labels need; those of rewards are not in the text of a chain."""
+    texts = [objective.complete, *(label.text for label in objective.labels)]
+    words = set(re.findall(r"\w+", " ".join(texts)))
+    return [formula for formula in attributes if formula.name in words]
+
+
+def _start_key(combination: Combination) -> list[str]:
+    """The weights of several initial states, which the language has no place for."""
+    space, start = combination.space, combination.objective.start
+    return [
+        f"starts with probability {float(start[place])!r} at {space.locations[place]}"
+        for place in np.flatnonzero(start).tolist()
+    ]
+
+
 def _render(combination: Combination, starts: Bools, *, with_objective: bool) -> str:
     writer = StepWriter(combination)
     fixed_start = int(np.count_nonzero(starts)) == 1
@@ -50,19 +97,21 @@ def _render(combination: Combination, starts: Bools, *, with_objective: bool) ->
     capability = capability_text(writer, fixed_start=fixed_start)
     attributes = writer.take_attributes()
     objective = objective_text(writer, fixed_start=fixed_start) if with_objective else None
-    rendered = (
-        _environment()
-        .get_template("combination.prism.j2")
-        .render(
-            combination=combination,
-            space=space,
-            space_attributes=attributes,
-            capability=capability,
-            objective=objective,
-            objective_attributes=writer.take_attributes(),
-            initial=None if fixed_start else _initial(writer, starts),
-        )
+    return _lines(
+        "combination.prism.j2",
+        combination=combination,
+        space=space,
+        space_attributes=attributes,
+        capability=capability,
+        objective=objective,
+        objective_attributes=writer.take_attributes(),
+        initial=None if fixed_start else _initial(writer, starts),
     )
+
+
+def _lines(template: str, **content: object) -> str:
+    """A template filled in, long lines broken."""
+    rendered = _environment().get_template(template).render(content)
     return "\n".join(_wrapped(line) for line in rendered.rstrip("\n").split("\n")) + "\n"
 
 

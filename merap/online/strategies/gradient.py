@@ -16,7 +16,7 @@ from torch import Tensor
 
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy
-from merap.learning.policy import initial_parameters, policy_table, stack_parameters
+from merap.learning.policy import Parameters, initial_parameters, policy_table, stack_parameters
 from merap.learning.rollout import Episodes
 from merap.mdp.model import Bools, Floats, Ints
 from merap.online.strategies.drawing import draw_action
@@ -82,6 +82,11 @@ class GradientStrategy:
         self._last_returns: tuple[float, ...] = ()
         self._updates = 0
         self._behaviour = self._exploring()
+
+    @property
+    def parameters(self) -> Parameters:
+        """Of the policy after the steps so far."""
+        return {name: value[0] for name, value in self._parameters.items()}
 
     def begin(self, observation: Observation) -> None:
         """An episode begins."""

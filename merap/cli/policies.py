@@ -1,0 +1,104 @@
+"""`export-policy`: what was learned, to take away."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from merap.cli import options
+from merap.cli.output import job_bar, require_free_report, say
+from merap.errors import InputError
+
+if TYPE_CHECKING:
+    from merap.concerns.combination import Combination
+    from merap.learning.meta import MetaPolicy
+    from merap.learning.run_folder import RunFolder
+
+
+def register(app: typer.Typer) -> None:
+    """Add these verbs."""
+    app.command()(export_policy)
+
+
+class PolicyFormat(StrEnum):
+    """What a policy is written as."""
+
+    csv = "csv"
+    npz = "npz"
+    prism = "prism"
+
+
+def export_policy(
+    run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
+    out: options.Out,
+    kind: Annotated[
+        PolicyFormat,
+        typer.Option("--format", help="csv, npz: a table; prism: a system under the policy, to be checked."),
+    ] = PolicyFormat.csv,
+    system: Annotated[
+        str | None,
+        typer.Option(help="An online system or a combination; a table without one is for the whole base."),
+    ] = None,
+    adapt_steps: Annotated[int, typer.Option(min=0, help="Gradient steps on the system before.")] = 0,
+    episodes_per_step: Annotated[int, typer.Option(min=1, help="Real episodes of a gradient step.")] = 35,
+    seed: options.Seed = 0,
+    force: options.Force = False,
+) -> None:
+    """Write the meta policy, or one adapted to a system, for use without merap."""
+    from merap.base.folder import write_bytes
+    from merap.learning.run_folder import read_run
+
+    require_free_report(out, force=force)
+    opened = read_run(run)
+    if system is None and (adapt_steps or kind is PolicyFormat.prism):
+        option = "--adapt-steps" if adapt_steps else "--format prism"
+        known = ", ".join(opened.case.systems) or "none, so name a combination"
+        raise InputError(f"{option} needs a system; those of the case: {known}", source="--system")
+    met = None if system is None else opened.case.system(system)
+    meta = _policy(opened, met, adapt_steps, episodes_per_step, seed)
+    title = f"{opened.case.name}: the meta policy" if met is None else f"{opened.case.name} on {met.name}: "
+    if met is not None:
+        steps = f"{adapt_steps} gradient steps of {episodes_per_step} episodes, seed {seed}"
+        title += steps if adapt_steps else "the meta policy"
+    write_bytes(out, _content(kind, opened, met, meta, title), force=force)
+    say(f"{title}; wrote {out}")
+
+
+def _policy(
+    run: RunFolder, met: Combination | None, adapt_steps: int, episodes_per_step: int, seed: int
+) -> MetaPolicy:
+    if met is None or not adapt_steps:
+        from merap.learning.checkpoint import read_policy
+        from merap.learning.running import tasks_of
+
+        return read_policy(run, tasks_of(run))
+    from merap.online.adapted import adapted_policy
+
+    with job_bar() as bar:
+        job = bar.add_task("Adapting", total=adapt_steps, note="")
+        return adapted_policy(
+            run,
+            met,
+            steps=adapt_steps,
+            episodes_per_step=episodes_per_step,
+            seed=seed,
+            on_step=lambda: bar.advance(job),
+        )
+
+
+def _content(
+    kind: PolicyFormat, run: RunFolder, met: Combination | None, meta: MetaPolicy, title: str
+) -> bytes:
+    from merap.base.build import model_of
+    from merap.learning import policy_export
+    from merap.learning.run_folder import read_tasks
+
+    if met is not None and kind is PolicyFormat.prism:
+        return policy_export.prism_text(meta, met, title).encode()
+    table = policy_export.tabulate(meta, read_tasks(run) if met is None else [model_of(met)])
+    if kind is PolicyFormat.npz:
+        return policy_export.npz_bytes(table, run.case, title)
+    return policy_export.csv_text(table).encode()
