@@ -122,6 +122,20 @@ def test_too_many_waiting_events_are_an_error(lines: JsonLines, knowledge: Knowl
     assert [row.message for row in knowledge.events(1)] == ["one", "two"]
 
 
+def test_an_error_that_ends_it_all_is_the_last_line(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+
+    def fail(where: Path) -> None:
+        with JsonLines(where):
+            raise StorageError("the disk is full")
+
+    for where in (path, Path("/dev/full")):
+        with pytest.raises(StorageError, match="the disk is full"):
+            fail(where)
+    (line,) = read(tmp_path)
+    assert (line["component"], line["level"], line["message"]) == ("run", "error", "the disk is full")
+
+
 def test_a_file_that_can_not_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=f"{tmp_path}/missing/x: can't be written: No such file"):
         JsonLines(tmp_path / "missing" / "x")

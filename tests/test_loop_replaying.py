@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -9,7 +12,10 @@ import pytest
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.online.knowledge.base import KnowledgeBase, open_knowledge
+from merap.online.knowledge.engine import default_url
+from merap.online.knowledge.export import event_record
 from merap.online.knowledge.rows import DecisionRow
+from merap.online.logs import FILE_NAME, JsonLines
 from merap.online.loop.replaying import check_decisions
 from merap.online.loop.running import run_loop
 from tests.loop_runs import MOVED, scenario
@@ -24,13 +30,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 @pytest.fixture(scope="module")
-def knowledge(run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Iterator[KnowledgeBase]:
-    """With one run of the loop."""
-    folder = tmp_path_factory.mktemp("knowledge")
-    with open_knowledge(f"sqlite:///{folder / 'knowledge.db'}") as opened:
-        run_loop(
-            run, scenario(folder, MOVED.replace("episodes: 10", "episodes: 7"), TROUBLE), knowledge=opened
-        )
+def knowledge(run: RunFolder) -> Iterator[KnowledgeBase]:
+    """In the folder of the training run, with one run of the loop."""
+    folder, lines = run.path, JsonLines(run.path / FILE_NAME)
+    with lines, open_knowledge(default_url(folder), notice=lines.notice) as opened:
+        found = scenario(folder, MOVED.replace("episodes: 10", "episodes: 7"), TROUBLE)
+        run_loop(run, found, knowledge=opened, lines=lines)
         yield opened
 
 
@@ -52,6 +57,25 @@ def test_the_same_observations_lead_to_the_same_decisions(run: RunFolder, knowle
     kinds = {decision.kind for decision in knowledge.decisions(1)}
     assert {"update", "settled"} <= kinds
     assert check_decisions(run, knowledge, 1) == ()
+
+
+def test_the_log_is_in_the_file_and_in_the_knowledge_base(run: RunFolder, knowledge: KnowledgeBase) -> None:
+    lines = (run.path / FILE_NAME).read_text().splitlines()
+    assert len(lines) >= 7
+    assert [json.loads(line) for line in lines] == [event_record(event) for event in knowledge.events(1)]
+
+
+def test_replay_checks_on_request(run: RunFolder, knowledge: KnowledgeBase) -> None:
+    number = forged(knowledge, DecisionRow(2, 1, "replan", ("no reason",)))
+    command = [sys.executable, "-m", "merap", "knowledge", "replay", "--db", default_url(run.path)]
+    for wanted, code, ending in (
+        (1, 0, "the same is done and decided again"),
+        (number, 1, "episode 2, step 1: replan: recorded 'no reason', derived nothing"),
+    ):
+        arguments = [str(wanted), "--check", str(run.path)]
+        done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (code, "")
+        assert done.stdout.splitlines()[-1] == ending
 
 
 def test_a_decision_that_does_not_follow_is_found(run: RunFolder, knowledge: KnowledgeBase) -> None:

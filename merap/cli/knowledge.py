@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
@@ -12,6 +13,7 @@ from merap.cli.output import number, require_free_report, say, table, write_json
 
 if TYPE_CHECKING:
     from merap.online.knowledge.base import KnowledgeBase
+    from merap.online.knowledge.replay import Difference
     from merap.online.knowledge.rows import DecisionRow, ObservationRow, RunRow
 
 Db: TypeAlias = Annotated[
@@ -136,8 +138,21 @@ def export(run: RunNumber, db: Db, out: options.Out) -> None:
     say(f"wrote {len(files)} files and a manifest to {out}")
 
 
-def replay(run: RunNumber, db: Db, json: options.Json = None, force: options.Force = False) -> None:
-    """What was seen and decided, in order."""
+def replay(
+    run: RunNumber,
+    db: Db,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check", metavar="RUN", help="Folder of the training run: decide once more, and compare."
+        ),
+    ] = None,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """What was seen and decided, in order; exit 1 if it would not be decided so again."""
+    from dataclasses import asdict
+
     from merap.online.knowledge import replay as replaying
     from merap.online.knowledge.export import decision_record, observation_record
     from merap.online.knowledge.rows import ObservationRow
@@ -145,16 +160,33 @@ def replay(run: RunNumber, db: Db, json: options.Json = None, force: options.For
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
         rows = list(replaying.replay(knowledge, run))
+        found = () if check is None else _differences(check, knowledge, run)
     records = [
         {"observation": observation_record(row)}
         if isinstance(row, ObservationRow)
         else {"decision": decision_record(row)}
         for row in rows
     ]
-    write_json(json, {"run": run, "timeline": records}, force=force)
-    if str(json) == "-":
-        return
-    table(("episode", "step", "what", "reward", "detail"), [_timeline_row(row) for row in rows])
+    report = {
+        "run": run,
+        "timeline": records,
+        "checked": check is not None,
+        "differences": [asdict(difference) for difference in found],
+    }
+    write_json(json, report, force=force)
+    if str(json) != "-":
+        table(("episode", "step", "what", "reward", "detail"), [_timeline_row(row) for row in rows])
+        if check is not None:
+            say("\n".join(map(str, found)) or "the same is done and decided again")
+    if found:
+        raise typer.Exit(1)
+
+
+def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[Difference, ...]:
+    from merap.learning.run_folder import read_run
+    from merap.online.loop.replaying import check_decisions
+
+    return check_decisions(read_run(folder), knowledge, run)
 
 
 def _timeline_row(row: ObservationRow | DecisionRow) -> tuple[str, str, str, str, str]:

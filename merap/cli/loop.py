@@ -14,7 +14,6 @@ from merap.errors import OutputError
 if TYPE_CHECKING:
     from merap.online.loop.scores import LoopReport
 
-DATABASE = "knowledge.db"
 PICTURE = "timeline"
 REPORT = "report.json"
 
@@ -50,6 +49,8 @@ def run(
     """Control a system that changes: monitor, analyse, plan, execute, learn."""
     from merap.learning.run_folder import read_run
     from merap.online.knowledge.base import open_knowledge
+    from merap.online.knowledge.engine import default_url
+    from merap.online.logs import FILE_NAME, JsonLines
     from merap.online.loop.running import run_loop
     from merap.online.loop.scenario import read_scenario
 
@@ -58,14 +59,16 @@ def run(
         _require_free(out, force=force)
     read = read_scenario(scenario)
     opened = read_run(run_folder)
-    url = f"sqlite:///{run_folder / DATABASE}" if db is None else db
-    with open_knowledge(url) as knowledge, job_bar() as bar:
+    url = default_url(run_folder) if db is None else db
+    lines = JsonLines(run_folder / FILE_NAME)
+    with lines, open_knowledge(url, notice=lines.notice) as knowledge, job_bar() as bar:
         job = bar.add_task("Running", total=read.spec.episodes, note="")
         report = run_loop(
             opened,
             read,
             manager=manager,
             knowledge=knowledge,
+            lines=lines,
             resume=resume,
             on_episode=lambda row: bar.update(job, completed=row.episode + 1, note=f"{row.earned:.4g}"),
         )

@@ -11,14 +11,14 @@ import os
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from merap.errors import StorageError
+from merap.errors import MerapError, StorageError
 from merap.online.knowledge.base import KnowledgeBase
 from merap.online.knowledge.export import event_record
 from merap.online.knowledge.rows import EventRow, Level, now
@@ -30,7 +30,8 @@ MOST_WAITING = 10_000
 class JsonLines:
     """A file that grows by a line for each event; every line is in the file when `write` returns.
 
-    A last line that was cut short by a kill is closed, so that the lines after it can be read.
+    A last line that was cut short by a kill is closed, so that the lines after it can be read. An
+    error of merap that ends the block in which the file is open is its last event.
 
     Args:
         path: appended to if it is there.
@@ -54,6 +55,9 @@ class JsonLines:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if isinstance(error, MerapError):
+            with suppress(StorageError):  # the error itself is what matters
+                self.write(EventRow(now(), "run", "error", str(error)))
         self.close()
 
     def close(self) -> None:
@@ -91,14 +95,14 @@ class EventLog:
     with the next one; only when too many wait is it an error. They are in the file in any case.
 
     Args:
-        lines: the file.
+        lines: the file; None: there is none.
         knowledge: open.
         run: the run's number there.
         most_waiting: events.
     """
 
     def __init__(
-        self, lines: JsonLines, knowledge: KnowledgeBase, run: int, most_waiting: int = MOST_WAITING
+        self, lines: JsonLines | None, knowledge: KnowledgeBase, run: int, most_waiting: int = MOST_WAITING
     ) -> None:
         self._lines = lines
         self._knowledge = knowledge
@@ -119,14 +123,16 @@ class EventLog:
             StorageError: the file can't be written, or too many events wait for the knowledge base.
         """
         row = EventRow(now(), component, level, " ".join(message.split()), plain(data))
-        self._lines.write(row)
+        if self._lines is not None:
+            self._lines.write(row)
         self._waiting.append(row)
         try:
             self.flush()
         except StorageError as error:
             if len(self._waiting) > self._most:
                 raise
-            self._lines.notice(f"{error}; {len(self._waiting)} events wait")
+            if self._lines is not None:
+                self._lines.notice(f"{error}; {len(self._waiting)} events wait")
 
     def flush(self) -> None:
         """Record what waits.

@@ -21,7 +21,8 @@ from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import write_umb
 from merap.online.knowledge.base import KnowledgeBase
-from merap.online.knowledge.rows import DecisionRow, EventRow, Level, ObservationRow, now
+from merap.online.knowledge.rows import DecisionRow, Level, ObservationRow
+from merap.online.logs import EventLog, JsonLines
 from merap.online.loop.messages import Execution
 from merap.online.loop.records import EpisodeLog, EpisodeRow
 
@@ -76,11 +77,13 @@ class Memory:
     Args:
         knowledge: open.
         run: the run's number there.
+        lines: where the log is written too.
     """
 
-    def __init__(self, knowledge: KnowledgeBase, run: int) -> None:
+    def __init__(self, knowledge: KnowledgeBase, run: int, lines: JsonLines | None = None) -> None:
         self._knowledge = knowledge
         self._run = run
+        self._log = EventLog(lines, knowledge, run)
 
     def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any]) -> None:
         """Keep an episode and the state of the system after it, or nothing of it."""
@@ -119,8 +122,7 @@ class Memory:
         self._event("monitor", "info", message, log.episode, row.steps)
 
     def _event(self, component: str, level: Level, message: str, episode: int, step: int) -> None:
-        row = EventRow(now(), component, level, message, {"episode": episode, "step": step})
-        self._knowledge.record_event(self._run, row)
+        self._log.event(component, level, message, episode=episode, step=step)
 
 
 def umb_bytes(model: TabularMDP) -> bytes:

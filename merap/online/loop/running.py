@@ -10,6 +10,7 @@ from merap.learning.checkpoint import POLICY_FILE
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.online.knowledge.base import KnowledgeBase
+from merap.online.logs import JsonLines
 from merap.online.loop.building import Built, Guard, build, unguarded
 from merap.online.loop.loop import Loop
 from merap.online.loop.managers import MERAP
@@ -27,6 +28,7 @@ def run_loop(
     *,
     manager: str = MERAP,
     knowledge: KnowledgeBase | None = None,
+    lines: JsonLines | None = None,
     resume: bool = False,
     guard: Guard = unguarded,
     on_episode: OnEpisode = lambda row: None,
@@ -38,6 +40,7 @@ def run_loop(
         scenario: what is met, and what changes when.
         manager: one of `managers.MANAGERS`.
         knowledge: where the run is recorded; None: nowhere.
+        lines: where the log of a run that is recorded is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
         guard: what stands between the loop and the system, as `managed.guarded.GuardedSystem`.
@@ -57,7 +60,7 @@ def run_loop(
     memory = None
     if knowledge is not None:
         number = _begun(run, scenario, manager, knowledge) if number is None else number
-        memory = Memory(knowledge, number)
+        memory = Memory(knowledge, number, lines)
     seconds, rows = [], []
     with one_thread(), built.parts.punctual:
         for row, taken in _course(built, scenario.spec.episodes, past, memory):
