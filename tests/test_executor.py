@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,3 +150,11 @@ def test_rubbish_is_a_fault(rubbish: Observation, complaint: str) -> None:
     fault = executor.execute(PLAN).fault
     assert fault is not None
     assert fault.startswith(complaint)
+
+
+def test_what_a_guarded_system_has_taken_in_its_place_is_what_was_done() -> None:
+    """A fallback, for instance: the analyzer must not take it for the planned action."""
+    guarded = Scripted(replace(seen(0, 0), taken=0), seen(0, 0))
+    executor = Executor(guarded, None)
+    assert executor.execute(PLAN).action == 0
+    assert executor.execute(PLAN).action == PLAN.action

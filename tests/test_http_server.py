@@ -101,6 +101,21 @@ def test_the_schemas_are_json_schemas(client: httpx.Client) -> None:
         jsonschema.Draft202012Validator.check_schema(client.get(endpoint).json())
 
 
+def test_the_openapi_description_is_of_what_is_answered(client: httpx.Client) -> None:
+    """Its paths are the endpoints, and what they answer is as it says."""
+    paths = client.get("/openapi.json").json()["paths"]
+    assert set(paths) == {*ENDPOINTS, "/execute"}
+    for endpoint in ENDPOINTS:
+        described = paths[endpoint]["get"]["responses"]["200"]["content"]["application/json"]["schema"]
+        jsonschema.validate(client.get(endpoint).json(), described)
+    responses = paths["/execute"]["put"]["responses"]
+    for body, status in (({"action": "stop"}, 200), ({"action": "fly"}, 400), ({"action": "measure"}, 409)):
+        answer = client.put("/execute", json=body)
+        assert answer.status_code == status
+        described = responses[str(status)]["content"]["application/json"]["schema"]
+        jsonschema.validate(answer.json(), described)
+
+
 @pytest.mark.parametrize(
     ("body", "status", "message"),
     [
@@ -174,7 +189,9 @@ def test_a_client_that_hangs_up_amid_its_request_does_no_harm(url: str, client: 
 def test_a_port_that_is_taken_is_told_in_one_line() -> None:
     with listening("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"can't listen on port {port} of 127.0.0.1: Address already"):
+        with pytest.raises(
+            InputError, match=f"can't listen on port {port} of 127.0.0.1: Address already in use; choose"
+        ):
             listening("127.0.0.1", port)
 
 

@@ -12,6 +12,7 @@ from merap.cli import options
 from merap.cli.output import require_free_report, say, warn, write_json
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import ResetMode
+from merap.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +23,12 @@ def register(app: typer.Typer) -> None:
 
 def serve(
     case: options.Case,
-    system: options.SystemName = "met",
+    system: Annotated[
+        str | None, typer.Option(help="An online system of the case, or a combination; met by default.")
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="A scenario file: what is met changes as it says.")
+    ] = None,
     port: Annotated[int, typer.Option(help="0 takes any that is free.")] = 3000,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     seed: options.Seed = 0,
@@ -41,28 +47,33 @@ def serve(
     """Offer a simulated system behind HTTP, with the endpoints of UPISAS, until it is interrupted."""
     import numpy as np
 
+    from merap.online.loop.scenario import read_scenario
     from merap.online.managed.http_server import listening, server
-    from merap.online.managed.interface import interface_of
-    from merap.online.managed.served import ServedSystem
-    from merap.online.systems import SimulatedSystem
+    from merap.online.managed.serving import served_combination, served_scenario
 
     study = load_case(case)
     warn(study.warnings)
-    met = study.system(system)
-    simulated = SimulatedSystem(
-        met,
-        met.objective.horizon,
-        np.random.default_rng(seed),
-        slip=slip,
-        noise=reward_noise,
-        detect=detect,
-        reset=reset or met.reset,
-    )
-    served = ServedSystem(simulated, interface_of(met, detect=detect))
+    if scenario is None:
+        served = served_combination(
+            study.system(system or "met"),
+            np.random.default_rng(seed),
+            slip=slip,
+            noise=reward_noise,
+            detect=detect,
+            reset=reset,
+        )
+    else:
+        if system is not None or slip or reward_noise or reset is not None or seed:
+            raise InputError(
+                "the scenario says what is met, with seed, noise, slip and reset; give none",
+                source="--scenario",
+            )
+        served = served_scenario(study, read_scenario(scenario), detect=detect)
     with listening(host, port) as listener:
         if not quiet:
             _log_to_standard_error()
-        say(f"{met.name} of {study.name} on http://{host}:{listener.getsockname()[1]}; interrupt to end")
+        address = f"http://{host}:{listener.getsockname()[1]}"
+        say(f"{served.interface.system} of {study.name} on {address}; interrupt to end")
         try:
             server(served).run(sockets=[listener])
         except KeyboardInterrupt:

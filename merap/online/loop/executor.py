@@ -72,14 +72,15 @@ class Executor:
             self._follow(self._shield, monitored)
 
     def execute(self, plan: Plan) -> Execution:
-        """Take the planned action."""
+        """Take the planned action; a guarded or a remote system may have taken another one."""
         try:
             observation = self._sound(self._system.step(plan.action))
         except MerapError as error:
             self._faults += 1
             return Execution(plan.action, None, str(error), over=self._faults >= MAX_FAULTS)
         self._faults = 0
-        return Execution(plan.action, observation)
+        taken = plan.action if observation.taken is None else observation.taken
+        return Execution(taken, observation)
 
     def _sound(self, observation: Observation) -> Observation:
         """The observation, if it can be used.
