@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -120,6 +121,21 @@ def test_too_many_waiting_events_are_an_error(lines: JsonLines, knowledge: Knowl
         other.execute("ROLLBACK")
     log.flush()
     assert [row.message for row in knowledge.events(1)] == ["one", "two"]
+
+
+def test_threads_lose_no_event(tmp_path: Path, lines: JsonLines, knowledge: KnowledgeBase) -> None:
+    log = EventLog(lines, knowledge, 1)
+
+    def tell(name: int) -> None:
+        for number in range(10):
+            log.event(f"thread {name}", "info", f"event {number}")
+
+    with ThreadPoolExecutor(3) as threads:
+        list(threads.map(tell, range(3)))
+    recorded = [(row.component, row.message) for row in knowledge.events(1)]
+    expected = {(f"thread {name}", f"event {number}") for name in range(3) for number in range(10)}
+    assert len(recorded) == len(expected) == len(read(tmp_path))
+    assert set(recorded) == expected
 
 
 def test_an_error_that_ends_it_all_is_the_last_line(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 class EventLog:
-    """The log of a run: each event in the file, then in the knowledge base.
+    """The log of a run: each event in the file, then in the knowledge base. Threads may share it.
 
     While the knowledge base can't be written, events wait in memory, in order, and are recorded
     with the next one; only when too many wait is it an error. They are in the file in any case.
@@ -109,6 +109,7 @@ class EventLog:
         self._run = run
         self._most = most_waiting
         self._waiting: deque[EventRow] = deque()
+        self._lock = threading.RLock()
 
     def event(self, component: str, level: Level, message: str, **data: object) -> None:
         """Say that something has happened.
@@ -123,16 +124,17 @@ class EventLog:
             StorageError: the file can't be written, or too many events wait for the knowledge base.
         """
         row = EventRow(now(), component, level, " ".join(message.split()), plain(data))
-        if self._lines is not None:
-            self._lines.write(row)
-        self._waiting.append(row)
-        try:
-            self.flush()
-        except StorageError as error:
-            if len(self._waiting) > self._most:
-                raise
+        with self._lock:
             if self._lines is not None:
-                self._lines.notice(f"{error}; {len(self._waiting)} events wait")
+                self._lines.write(row)
+            self._waiting.append(row)
+            try:
+                self.flush()
+            except StorageError as error:
+                if len(self._waiting) > self._most:
+                    raise
+                if self._lines is not None:
+                    self._lines.notice(f"{error}; {len(self._waiting)} events wait")
 
     def flush(self) -> None:
         """Record what waits.
@@ -140,10 +142,11 @@ class EventLog:
         Raises:
             StorageError: the knowledge base can't be written; all still wait.
         """
-        with self._knowledge.transaction():
-            for row in self._waiting:
-                self._knowledge.record_event(self._run, row)
-        self._waiting.clear()
+        with self._lock:
+            with self._knowledge.transaction():
+                for row in self._waiting:
+                    self._knowledge.record_event(self._run, row)
+            self._waiting.clear()
 
 
 def plain(value: Any) -> Any:
