@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.errors import InputError, ModelError
-from merap.mdp.canonical import COMPLETE_LABEL
+from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.online.shield.outcomes import OutcomeSets, Rows, distinct, rows
 
@@ -23,7 +23,7 @@ class ModelSets:
     """The distributions of N models, each kept once; a subset of the models is taken in no time.
 
     Attributes:
-        num_actions: A, `end` included if the models have it.
+        num_actions: A, without `end`, which only completed states have.
         rows: R distinct distributions, by choice.
         kind: int64 [choices of all models], the row of each.
         model: int64 [choices of all models], whose it is.
@@ -71,7 +71,8 @@ def model_sets(models: Sequence[TabularMDP], unsafe: Bools | None = None) -> Mod
     completes the task in an unsafe state, this can't be seen, since complete states are one.
 
     Args:
-        models: N with the same states and actions, as on a canonical index.
+        models: N with the same states and actions, as on a canonical index; `end` is the last action if
+            they have it.
         unsafe: bool [S]; None: their label `unsafe`.
 
     Raises:
@@ -89,9 +90,11 @@ def model_sets(models: Sequence[TabularMDP], unsafe: Bools | None = None) -> Mod
     exists = np.stack([model.reachable & ~_completed(model) for model in models])
     going = [here[model.choice_state] for model, here in zip(models, exists, strict=True)]
 
+    num_actions = models[0].num_actions - (END_ACTION in models[0].action_names)
+
     def found() -> Iterator[Rows]:
         for model, kept in zip(models, going, strict=True):
-            yield _rows(model, kept, width)
+            yield _rows(model, kept, width, num_actions)
 
     representative, kind = distinct(lambda: (one.codes for one in found()))
     table = _gathered(found(), representative)
@@ -99,7 +102,7 @@ def model_sets(models: Sequence[TabularMDP], unsafe: Bools | None = None) -> Mod
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     return ModelSets(
-        num_actions=models[0].num_actions,
+        num_actions=num_actions,
         rows=table.taken(order),
         kind=place[kind],
         model=np.repeat(np.arange(len(models)), [int(kept.sum()) for kept in going]),
@@ -112,14 +115,14 @@ def _completed(model: TabularMDP) -> Bools:
     return model.labels.get(COMPLETE_LABEL, np.zeros(model.num_states, dtype=np.bool_))
 
 
-def _rows(model: TabularMDP, kept: Bools, width: int) -> Rows:
+def _rows(model: TabularMDP, kept: Bools, width: int, num_actions: int) -> Rows:
     """A row for each choice that is kept."""
     slot = np.arange(model.num_branches) - model.choice_to_branch[model.branch_choice]
     target = np.zeros((model.num_choices, width), dtype=np.int64)
     prob = np.zeros((model.num_choices, width))
     target[model.branch_choice, slot] = model.branch_target
     prob[model.branch_choice, slot] = model.branch_prob
-    choice = model.choice_state * model.num_actions + model.choice_action
+    choice = model.choice_state * num_actions + model.choice_action
     return rows(choice[kept], target[kept], prob[kept], np.zeros_like(prob[kept]))
 
 
