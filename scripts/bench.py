@@ -1,4 +1,4 @@
-"""Measure merap: bench.py export | adaptation | online | trigger [--json FILE].
+"""Measure merap: bench.py export | adaptation | online | trigger | shield [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import bench_online
+import bench_shield
 import bench_trigger
 import typer
 from rich.console import Console
@@ -52,6 +53,7 @@ rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
 
 app.command()(bench_online.online)
 app.command()(bench_trigger.trigger)
+app.command()(bench_shield.shield)
 
 
 @app.callback()
