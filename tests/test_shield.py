@@ -48,6 +48,18 @@ def test_the_budget_goes_with_the_steps_of_an_episode() -> None:
     assert shield.report().worst_risk == pytest.approx(0.1)
 
 
+def test_a_step_is_charged_what_it_risked_when_it_was_allowed() -> None:
+    credible = [ANY]
+    shield = RobustShield(lambda: credible[0], 0.4)
+    shield.begin(0)
+    assert shield.allowed(0, BOTH).tolist() == [True, True]
+    # That the ledge held speaks for a dry one; it was crossed at 0.3 all the same.
+    credible[0] = DRY
+    shield.refresh()
+    shield.took(0, 1)
+    assert shield.budget == pytest.approx(0.1)
+
+
 def test_an_empty_set_is_reported_and_never_returned() -> None:
     forced = make_sets(
         {0: {0: [{1: 0.9, 2: 0.1}], 1: [{1: 0.6, 2: 0.4}]}, 1: {0: [{1: 1.0}]}}, {2}, num_states=3

@@ -94,6 +94,7 @@ class RobustShield:
         )
         self._worst = 0.0
         self._state, self._time = -1, 0
+        self._decided = self.risk_now
         self.budget = threshold
 
     @property
@@ -106,19 +107,24 @@ class RobustShield:
         self._state, self._time, self.budget = state, 0, self.threshold
         self._counts["episodes"] += 1
         least = self.risk.of_states if self.risk.of_states.ndim == 1 else self.risk.of_states[0]
+        self._decided = self.risk_now
         self._counts["beyond_from_start"] += bool(least[state] > self.threshold + self.risk.residual)
 
     def allowed(self, state: int, enabled: Bools) -> Bools:
         """bool [A], never empty."""
-        mask, beyond = permitted(self.risk_now, state, self.budget, enabled)
+        self._decided = self.risk_now
+        mask, beyond = permitted(self._decided, state, self.budget, enabled)
         self._counts["steps"] += 1
         self._counts["fallbacks"] += bool(beyond)
         self._counts["withheld"] += int(np.count_nonzero(enabled & ~mask))
         return mask
 
     def took(self, action: int, state: int) -> None:
-        """An action was taken and led to a state."""
-        now = self.risk_now
+        """An action was taken and led to a state.
+
+        It is charged what it risked when it was allowed: what the step itself has taught comes after.
+        """
+        now = self._decided
         self._worst = max(self._worst, float(now.of_actions[self._state, action]))
         self.budget = float(spent(now, self.threshold, self._state, action, state, self.budget))
         self._state = state

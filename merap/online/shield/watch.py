@@ -6,7 +6,7 @@ by what its episodes have shown.
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
 
 from merap.errors import InputError
 from merap.online.belief.posterior import Belief, prior_belief
@@ -28,8 +28,8 @@ from merap.online.systems import Observation
 DOUBT = 1e-4
 
 
-class Watch:
-    """Follows the episodes and gives the outcome sets of what is credible now.
+class CredibleSource:
+    """Outcome sets of a belief, made again only if other hypotheses are credible than before.
 
     Args:
         space: the hypotheses of the case.
@@ -47,13 +47,45 @@ class Watch:
             raise InputError(f"the doubt of a shield must be in [0, 1), it is {doubt}")
         self._space = space
         self._doubt = doubt
-        self._index = StateIndex(space.valuations)
         self._unsafe = unsafe_states(space, required=hazard_prior == 0)
-        self.hazards = Hazards(space.case.combination_at(0), hazard_prior)
-        self.belief: Belief = prior_belief(space)
-        self.state = -1
+        self._hazards = Hazards(space.case.combination_at(0), hazard_prior)
         self._signature = b""
         self._outcomes: OutcomeSets | None = None
+
+    def visit(self, state: int, detections: Mapping[str, object]) -> None:
+        """The system is in a state, and its detectors read something: what that tells of hazards."""
+        if state < self._space.num_states:
+            self._hazards.visit(state // self._space.num_modes, detections)
+
+    def outcomes(self, belief: Belief) -> OutcomeSets:
+        """What each action may lead to; the same object while the same is credible."""
+        left = credible(self._space, belief, self._doubt)
+        signature = left.signature(belief) + self._hazards.prob.tobytes()
+        if self._outcomes is None or signature != self._signature:
+            hazards = self._hazards.prob.copy()
+            self._outcomes = credible_outcomes(self._space, belief, left, self._unsafe, hazards)
+            self._signature = signature
+        return self._outcomes
+
+
+class Watch:
+    """Follows the episodes and gives the outcome sets of what is credible now.
+
+    Args:
+        space: the hypotheses of the case.
+        hazard_prior: see `CredibleSource`.
+        doubt: see `CredibleSource`.
+
+    Raises:
+        InputError: see `CredibleSource`.
+    """
+
+    def __init__(self, space: HypothesisSpace, hazard_prior: float = 0.0, doubt: float = DOUBT) -> None:
+        self._space = space
+        self._source = CredibleSource(space, hazard_prior, doubt)
+        self._index = StateIndex(space.valuations)
+        self.belief: Belief = prior_belief(space)
+        self.state = -1
 
     def begin(self, observation: Observation) -> None:
         """An episode begins."""
@@ -72,17 +104,10 @@ class Watch:
         if self.state < self._space.num_states:
             self.belief = observe_presence(self._space, self.belief, self.state)
             self.belief = observe_enabled(self._space, self.belief, self.state, observation.enabled)
-            self.hazards.visit(self.state // self._space.num_modes, observation.detections)
+            self._source.visit(self.state, observation.detections)
         if observation.detections:
             self.belief = observe_detections(self._space, self.belief, observation.detections)
 
     def outcomes(self) -> OutcomeSets:
         """What each action may lead to; the same object while the same is credible."""
-        left = credible(self._space, self.belief, self._doubt)
-        signature = left.signature(self.belief) + self.hazards.prob.tobytes()
-        if self._outcomes is None or signature != self._signature:
-            self._outcomes = credible_outcomes(
-                self._space, self.belief, left, self._unsafe, np.asarray(self.hazards.prob)
-            )
-            self._signature = signature
-        return self._outcomes
+        return self._source.outcomes(self.belief)
