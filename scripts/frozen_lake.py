@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import gymnasium
 import numpy as np
 import typer
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
@@ -11,19 +12,23 @@ from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 from merap.learning.config import TrainingConfig
 from merap.learning.models import train_models
 from merap.mdp.gymnasium_import import import_gymnasium
-from merap.mdp.model import TabularMDP
 from merap.mdp.planning import optimum
+from merap.online.managed.gymnasium import GymnasiumSystem
 from merap.online.running import adaptation, evaluator
 from merap.online.strategies.gradient import GradientStrategy
-from merap.online.systems import SimulatedSystem
 
 HORIZON = 30
 EPISODES = 35
 
 
-def lake(seed: int) -> TabularMDP:
-    """An 8 x 8 map as a model; where an episode falls into a hole or reaches the goal, it is done."""
-    return import_gymnasium("FrozenLake-v1", desc=generate_random_map(8, seed=seed), is_slippery=False)
+def lake(seed: int) -> gymnasium.Env[Any, Any]:
+    """An 8 x 8 map; an episode ends in a hole, in the goal, or after the horizon."""
+    return gymnasium.make(
+        "FrozenLake-v1",
+        desc=generate_random_map(8, seed=seed),
+        is_slippery=False,
+        max_episode_steps=HORIZON,
+    )
 
 
 def main(
@@ -32,12 +37,12 @@ def main(
     met: Annotated[int, typer.Option(help="Seed of that map; those below 64 were learned from.")] = 1000,
 ) -> None:
     """Print how often the goal is reached after each step."""
-    config = TrainingConfig(updates=updates)
-    meta = train_models([lake(seed) for seed in range(64)], HORIZON, 0.95, config)
+    models = [import_gymnasium(lake(seed)) for seed in range(64)]
+    meta = train_models(models, HORIZON, 0.95, TrainingConfig(updates=updates))
 
-    model = lake(met)
-    system = SimulatedSystem(model, HORIZON, np.random.default_rng(0))
-    strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(1))
+    model = import_gymnasium(lake(met))  # to keep the score; the strategy sees reset and step alone
+    strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(0))
+    system = GymnasiumSystem(lake(met), seed=0)
     print(f"the best policy reaches the goal with probability {optimum(model, HORIZON):.2f}")
     for row in adaptation(system, strategy, evaluator(model, HORIZON), steps * EPISODES):
         print(f"after {row.episodes:3} episodes: {row.expected_return:.2f}")

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from merap.errors import InputError
 from merap.mdp.canonical import canonicalise
@@ -250,3 +251,21 @@ def test_wrong_use_is_refused() -> None:
         env.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(InputError, match=r"reset_mask must be bool \[2\], it is int64 \[2\]"):
         env.reset(options={"reset_mask": np.array([1, 0])})
+
+
+def test_wrappers_of_gymnasium_keep_the_score() -> None:
+    """Every episode's return and length as summed up by hand, whatever ends it."""
+    envs = RecordEpisodeStatistics(MDPVectorEnv(corridor(0.5), 6, HORIZON, autoreset_mode="SameStep"))
+    _, infos = envs.reset(seed=0)
+    rng = np.random.default_rng(1)
+    returns, lengths, ended = np.zeros(6), np.zeros(6), 0
+    for _ in range(40):
+        _, reward, terminated, truncated, infos = envs.step(legal(infos, rng))
+        returns, lengths = returns + reward, lengths + 1
+        over = terminated | truncated
+        if over.any():
+            np.testing.assert_allclose(infos["episode"]["r"][over], returns[over])
+            np.testing.assert_array_equal(infos["episode"]["l"][over], lengths[over])
+        ended += int(over.sum())
+        returns[over], lengths[over] = 0, 0
+    assert ended > 20

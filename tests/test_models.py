@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -24,9 +25,9 @@ from merap.learning.rollout import rollout, sampler
 from merap.learning.tasks import task_batch
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.model import Floats, TabularMDP
+from merap.online.managed.gymnasium import GymnasiumSystem
 from merap.online.running import adaptation, evaluator
 from merap.online.strategies.gradient import GradientStrategy
-from merap.online.systems import SimulatedSystem
 from tests.learning_examples import seeded
 from tests.mdp_examples import jump_grid
 
@@ -101,10 +102,18 @@ def before_and_after(seed: int) -> tuple[Floats, Floats]:
 
 
 def test_adaptation_through_reset_and_step() -> None:
-    model = lake(1001)
-    system = SimulatedSystem(model, HORIZON, np.random.default_rng(0))
+    """On Gymnasium's own environment of a map on which the meta policy gets across now and then."""
+    env = gymnasium.make(
+        "FrozenLake-v1",
+        desc=generate_random_map(8, seed=1008),
+        is_slippery=False,
+        max_episode_steps=HORIZON,
+    )
+    model = import_gymnasium(env)
     strategy = GradientStrategy(lakes().meta, model.valuations, 35, np.random.default_rng(1))
-    curve = [row.expected_return for row in adaptation(system, strategy, evaluator(model, HORIZON), 35 * 5)]
+    with GymnasiumSystem(env, seed=0) as system:
+        rows = adaptation(system, strategy, evaluator(model, HORIZON), max_episodes=35 * 5)
+        curve = [row.expected_return for row in rows]
     assert len(curve) == 6
     assert curve[-1] > curve[0] + 0.2, curve
 

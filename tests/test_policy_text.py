@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from merap.checker.storm import build_text
 from merap.concerns.combination import Combination
+from merap.concerns.names import KEYWORDS
 from merap.concerns.synthesis import synthesise
 from merap.mdp.chain import induced_chain
 from merap.mdp.comparison import compare
@@ -165,3 +166,13 @@ def test_several_starts_are_told_with_their_weights() -> None:
     assert "//   starts with probability 0.25 at S\n//   starts with probability 0.75 at A\n" in text
     assert "init 0" not in text
     assert re.search(r"^init\n  .*loc<=1 & mode=0 & !done\nendinit$", text, re.MULTILINE)
+
+
+def test_no_name_of_a_chain_is_a_keyword() -> None:
+    """Of Storm or of PRISM-games, beyond the words of the language that the text is made of."""
+    text = render_policy(ONE_START, chain_of(ONE_START), "a random policy")
+    plain = re.sub(r'//.*|"[^"]*"', "", text)
+    language = {"dtmc", "formula", "module", "endmodule", "bool", "init", "true", "false", "label"}
+    language |= {"rewards", "endrewards", "const", "double"}
+    assert set(re.findall(r"[A-Za-z_]\w*", plain)) & KEYWORDS <= language
+    assert {"policy", "pay_0", "complete", "shift", "loc", "mode", "done"} & KEYWORDS == set()
