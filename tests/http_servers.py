@@ -144,11 +144,12 @@ class FlakyServer:
             if mishap == "lost":
                 return
             failed = mishap == "failed"
-            answer = response({"error": "no power"}, "500 Oops") if failed else self._answer(name, body)
+            answer = response({"error": "no power"}, "500 Oops") if failed else self.answer(name, body)
         if mishap != "answer lost":
             connection.sendall(b"rubbish\r\n\r\n" if mishap == "rubbish" else answer)
 
-    def _answer(self, name: str, body: bytes) -> bytes:
+    def answer(self, name: str, body: bytes) -> bytes:
+        """What the system answers, as bytes of HTTP."""
         interface = self.served.interface
         fixed = {
             "GET /monitor_schema": monitor_schema(interface),

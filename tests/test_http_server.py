@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
+from merap.concerns.combination import Condition
 from merap.errors import InputError
-from merap.online.managed.http_server import MAX_BODY, listening
-from tests.hand_made import grid_combination
-from tests.http_servers import serving
+from merap.online.managed.http_server import MAX_BODY, listening, server
+from merap.online.managed.serving import served_combination
+from tests.hand_made import cells, grid_combination, with_objective
+from tests.http_servers import running, serving
 
 RUNNING = "models/running-example"
 SCHEMAS = ("/monitor_schema", "/adaptation_options_schema", "/execute_schema")
@@ -206,3 +208,16 @@ def test_a_port_that_is_taken_is_told_in_one_line() -> None:
 def test_an_address_that_is_none_is_refused(host: str, port: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
         listening(host, port)
+
+
+def test_a_system_that_fails_itself_is_unavailable() -> None:
+    """Where every task is complete in the goal and nothing resets the system, no task can begin there."""
+    ending = Condition(at=cells((0, 1)))
+    combination = with_objective(grid_combination(goal=(0, 1)), ends_after=None, ends_in=ending)
+    served = served_combination(combination, np.random.default_rng(0), reset="none")
+    with running(server(served)) as url, httpx.Client(base_url=url, trust_env=False) as client:
+        assert client.put("/execute", json={"action": "right"}).status_code == 200
+        failed = client.put("/execute", json={"reset": True})
+        assert failed.status_code == 503
+        assert failed.json()["error"].startswith("no task can begin at r0c1")
+        assert client.get("/monitor").json()["continuation"] == 0

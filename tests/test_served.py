@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from http import HTTPStatus
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from merap.errors import InputError
+from merap.online.managed.interface import Interface, Json, Variable
+from merap.online.managed.served import RefusedRequestError, ServedSystem
+from merap.online.systems import Observation
+
+ACTIONS = ("stop", "go")
+
+
+class Counting:
+    """Counts what it is told; every fifth step ends the task."""
+
+    actions = ACTIONS
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.steps = 0
+
+    def reset(self) -> Observation:
+        self.told.append("reset")
+        self.steps = 0
+        return self._seen()
+
+    def step(self, action: int) -> Observation:
+        self.told.append(ACTIONS[action])
+        self.steps += 1
+        return self._seen()
+
+    def _seen(self) -> Observation:
+        over = self.steps == 5
+        enabled = np.full(2, not over)
+        return Observation(np.array([self.steps]), enabled, 1.0, 0.0 if over else 1.0, False)
+
+
+COUNTED = Interface("counting", ACTIONS, (Variable("count", -1, 5),))
+
+
+def counting() -> tuple[Counting, ServedSystem]:
+    system = Counting()
+    return system, ServedSystem(system, COUNTED)
+
+
+requests = st.one_of(
+    st.fixed_dictionaries({"action": st.sampled_from(ACTIONS)}),
+    st.just({"reset": True}),
+    st.tuples(
+        st.one_of(st.fixed_dictionaries({"action": st.sampled_from(ACTIONS)}), st.just({"reset": True})),
+        st.integers(1, 4),
+        st.integers(0, 6),
+    ).map(lambda drawn: {**drawn[0], "episode": drawn[1], "step": drawn[2]}),
+)
+
+
+def executed(served: ServedSystem, request: Json) -> Json | HTTPStatus:
+    try:
+        return served.execute(request)
+    except RefusedRequestError as refused:
+        return refused.status
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(requests, max_size=40))
+def test_counters_go_on_by_one_with_every_change_and_with_nothing_else(asked: list[Json]) -> None:
+    """A request changes the system once or not at all; with counters only at those, or it has been done."""
+    system, served = counting()
+    last: Json | None = None
+    for request in asked:
+        before, told = served.monitor(), len(system.told)
+        now = {"episode": before["episode"], "step": before["step"]}
+        answer = executed(served, request)
+        if isinstance(answer, HTTPStatus):
+            assert answer == HTTPStatus.CONFLICT
+            assert served.monitor() == before
+            assert len(system.told) == told
+        elif {**now, **request} != {**request, **now}:
+            assert request == last
+            assert served.monitor() == before
+            assert len(system.told) == told
+        else:
+            assert len(system.told) == told + 1
+            last = {**request, **now}
+    assert system.told.count("reset") == served.monitor()["episode"]
+
+
+def test_a_system_with_other_actions_is_refused() -> None:
+    with pytest.raises(InputError, match="has the actions"):
+        ServedSystem(Counting(), Interface("other", ("stop",), ()))
+
+
+def test_a_system_that_fails_stays_where_it_was() -> None:
+    class Failing(Counting):
+        def step(self, action: int) -> Observation:
+            raise InputError("no power")
+
+    served = ServedSystem(Failing(), COUNTED)
+    before = served.monitor()
+    with pytest.raises(InputError, match="no power"):
+        served.execute({"action": "go"})
+    assert served.monitor() == before
+
+
+def test_rewards_of_an_episode_add_up() -> None:
+    _, served = counting()
+    for _ in range(3):
+        served.execute({"action": "go"})
+    assert served.monitor()["total"] == 3
+    served.execute({"reset": True})
+    assert served.monitor()["total"] == 0
