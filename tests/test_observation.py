@@ -6,11 +6,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from merap.base.build import canonical
+from merap.concerns.synthesis import synthesise
 from merap.errors import ModelError
 from merap.learning.observation import VariableKind, case_kinds, model_kinds, observation_features
 from merap.mdp.canonical import ABSORBING_VALUE
+from merap.mdp.gymnasium_import import import_gymnasium, import_table
 from tests.grid_tasks import grid_model, grid_task
-from tests.hand_made import graph_combination, grid_space
+from tests.hand_made import graph_combination, grid_combination, grid_space
 from tests.learning_examples import ring_models
 
 COORDINATE = VariableKind("row", "coordinate", 2, 6)
@@ -81,7 +84,17 @@ def test_kinds_of_a_case() -> None:
 def test_kinds_of_a_model_are_those_of_its_case_as_far_as_it_tells() -> None:
     ring = graph_combination()
     assert model_kinds(ring_models()[0]) == case_kinds(ring.space, len(ring.modes))
+    small = grid_combination(size=2, goal=(1, 1))  # rows 0 and 1 are no flags
+    assert model_kinds(canonical(small, synthesise(small))) == case_kinds(small.space, 1)
     assert [kind.scale for kind in model_kinds(grid_model(grid_task((4, 4))))] == ["coordinate", "coordinate"]
+
+
+def test_kinds_of_an_imported_model() -> None:
+    taxi = model_kinds(import_gymnasium("Taxi-v4"))
+    assert [kind.scale for kind in taxi] == ["coordinate", "coordinate", "category", "category"]
+    assert [(kind.low, kind.high) for kind in taxi] == [(0, 4), (0, 4), (0, 4), (0, 3)]
+    table = {0: {0: [(1.0, 1, 0.0, False)]}, 1: {0: [(1.0, 1, 0.0, True)]}}
+    assert model_kinds(import_table(table, [1.0, 0.0])) == (VariableKind("state", "category", 0, 1),)
 
 
 def test_a_value_out_of_range_is_named() -> None:

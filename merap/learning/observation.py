@@ -30,6 +30,7 @@ Scale = Literal["flag", "coordinate", "category"]
 _WAVELENGTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0])
 # Numbers whose order means nothing, as cases and imported models call them.
 _CATEGORIES = frozenset({"loc", "mode", "state", "passenger", "destination"})
+_COORDINATES = frozenset({"row", "col", "taxi_row", "taxi_col"})
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,9 @@ def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
 def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:
     """The kinds of a model's variables, as far as names and values tell.
 
-    `loc`, `mode`, `state` and the variables of the taxi's passenger are categories, a variable
-    without other values than 0 and 1 is a flag, every other one a coordinate.
+    `loc`, `mode`, `state` and the variables of the taxi's passenger are categories; another one
+    without other values than 0 and 1 is a flag, unless it is called a row or column; the rest are
+    coordinates.
     """
     values = model.valuations[~_folded(model.valuations)]
     lows, highs = values.min(axis=0).tolist(), values.max(axis=0).tolist()
