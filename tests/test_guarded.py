@@ -177,7 +177,7 @@ def test_a_step_that_arrives_while_the_fallback_is_tried_is_the_one_that_was_ask
     def open_gate(_: SystemFault) -> None:
         system.gate.set()
 
-    guarded = GuardedSystem(system, deadline=0.2, retries=ONCE, fallback="stop", on_fault=open_gate)
+    guarded = GuardedSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=open_gate)
     guarded.reset()
     system.hangs = 1
     found = guarded.step(RIGHT)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -87,7 +88,13 @@ def test_a_late_decision_is_replaced_and_what_was_done_is_observed_later() -> No
 def test_where_the_fallback_is_not_allowed_the_decision_is_waited_for() -> None:
     slow = Slow()
     guard = guarded(slow)
-    threading.Timer(0.3, slow.gate.set).start()
+
+    def open_when_late() -> None:
+        while guard.times_late == 0:
+            time.sleep(0.01)
+        slow.gate.set()
+
+    threading.Thread(target=open_when_late).start()
     assert guard.act(np.array([False, True])) == GO
     assert guard.times_late == 1
 

@@ -24,7 +24,7 @@ from tests.http_servers import FlakyServer, raw_server, read_request, response, 
 STOP, UP, DOWN, LEFT, RIGHT = range(5)
 RETRIES = Retries(count=1, first_wait=0.01, longest_wait=0.01)
 # What is waited for in vain is waited for briefly; what is answered has time enough on a busy machine.
-BRIEFLY, LONG = 0.5, 30.0
+BRIEFLY, LONG = 0.8, 30.0
 
 Break = Callable[[socket.socket, str], None]
 

@@ -183,6 +183,16 @@ def test_a_change_that_would_close_its_location_does_not_fit() -> None:
     assert not simulated.fits(ban)
 
 
+def test_a_change_that_would_complete_the_task_where_it_is_does_not_fit() -> None:
+    simulated = grid()
+    simulated.reset()
+    walk(simulated, [DOWN])
+    ending = with_objective(grid_combination(), ends_after=None, ends_in=Condition(at=cells((1, 0))))
+    assert not simulated.fits(ending)
+    walk(simulated, [DOWN])
+    assert simulated.fits(ending)
+
+
 def test_its_state_is_numbered_on_the_canonical_index() -> None:
     simulated = grid()
     assert simulated.state == -1

@@ -162,13 +162,15 @@ class SimulatedSystem:
         return enabled
 
     def fits(self, model: TabularMDP | Combination) -> bool:
-        """Whether the system can go on under another model of its case, from where it is."""
+        """Whether the system can go on under another model of its case, from where it is.
+
+        Not in a location that is closed there, nor amid a task that is complete there.
+        """
         if self._state < 0:
             return True
         if isinstance(model, TabularMDP):
             return bool(model.state_to_choice[self._state + 1] > model.state_to_choice[self._state])
-        closed = model.environment.blocked | model.capability.no_entry
-        return not closed[self._situated().located(self._state)[0]]
+        return self._situated().allows(self._state, model)
 
     def switch(self, model: TabularMDP | Combination) -> None:
         """Go on under another model of the same case, which `fits` or a reset follows.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.concerns.combination import Combination
+from merap.concerns.steps import holds_in_states
 from merap.concerns.synthesis import attach_everywhere
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Ints, TabularMDP
@@ -54,6 +55,15 @@ class Situated(World):
     def beginning(self, location: int) -> int:
         """The state in which a task begins at a location."""
         return 2 * (location * len(self.combination.modes) + self.combination.capability.initial_mode)
+
+    def allows(self, state: int, other: Combination) -> bool:
+        """Whether a system that is in a state can go on under another combination."""
+        location, _ = self.located(state)
+        if other.environment.blocked[location] or other.capability.no_entry[location]:
+            return False
+        ends_in = other.objective.ends_in
+        under_way = not self.simulator.completed[state]
+        return not (under_way and ends_in is not None and holds_in_states(other, ends_in)[state // 2])
 
 
 def canonical_world(model: TabularMDP) -> World:
