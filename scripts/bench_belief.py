@@ -1,7 +1,7 @@
 """Measure the strategy `belief`: bench_belief.py cases | drawn | speed [--json FILE].
 
 Episodes are those until within 5 percent of the optimum; `p95` is the least number that 95 percent of
-the runs do not exceed. A run ends with the third row in a row within 5 percent, but has 20 episodes at least.
+the runs do not exceed. A run ends with the third row in a row within 5 percent, but has 10 episodes at least.
 Regret is the optimum minus what those returned, with exploration, noise and luck.
 """
 

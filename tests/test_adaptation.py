@@ -188,6 +188,16 @@ def test_belief_updates_after_every_episode(of_belief: Adaptation) -> None:
         )
 
 
+def test_every_decision_of_the_first_run_is_explained(of_belief: Adaptation) -> None:
+    assert len(of_belief.reasons) == len(of_belief.runs[0].curve)
+    left, outside, *_ = of_belief.reasons[-1]
+    # Which hypotheses are left, with what weight.
+    assert "objective " in left
+    assert " left)" in left
+    assert outside.startswith("outside the base: environment ")
+    assert of_belief.as_dict()["reasons"][-1] == list(of_belief.reasons[-1])
+
+
 def test_belief_finds_a_covered_goal(of_belief: Adaptation) -> None:
     # The paper's README: 2 to 10 real episodes; here six.
     assert [values(of_belief, run)[-1] for run in (0, 1)] == pytest.approx([OPTIMUM, OPTIMUM])
@@ -210,7 +220,7 @@ def test_what_it_is_as_data(of_hasty: Adaptation) -> None:
     found = of_hasty.as_dict()
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
-        *("strategy", "optimum", "worst", "runs", "summary", "safety"),
+        *("strategy", "optimum", "worst", "runs", "reasons", "summary", "safety"),
     ]
     assert (found["reward_noise"], found["slip"], found["reset"]) == (0, 0, "episodes")
     assert (found["system"], found["strategy"]) == ("met", GRADIENT)

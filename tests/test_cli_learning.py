@@ -136,7 +136,7 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
     found = json.loads(report.read_text())
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
-        *("strategy", "optimum", "worst", "runs", "summary"),
+        *("strategy", "optimum", "worst", "runs", "reasons", "summary", "safety"),
     ]
     assert (found["system"], found["strategy"]) == ("met", "gradient")
     # RQ1-3: the goal is eight steps away, whatever cell can't be entered

@@ -203,6 +203,9 @@ def _show(found: Adaptation) -> None:
         number(scores[f"mean_{kind}_regret"], 4) for kind in ("first_episode", "cumulative", "sampled")
     )
     say(f"regret: {first} in the first episode, {total} in all; what the episodes really lost: {sampled}")
+    say(f"seed {found.runs[0].seed}, at the end:")
+    for line in found.reasons[-1]:
+        say(f"  {line}")
     if found.safety:
         _show_safety(found.as_dict()["safety"]["total"])
 

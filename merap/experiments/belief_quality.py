@@ -83,7 +83,7 @@ class Lengths:
         most: real episodes at most.
     """
 
-    least: int = 20
+    least: int = 10
     most: int = 60
 
 

@@ -66,6 +66,7 @@ class Adaptation:
         before: float64 [S, A + 1] or [T, S, A + 1], the policy of the first run before any
             episode; the last action is `end`.
         after: likewise, after its last update.
+        reasons: what the strategy of the first run said before any episode and after each update.
         model: the system's true model, on the canonical index.
         safety: of each run; empty if the system's objective declares nothing unsafe and there is no
             shield.
@@ -78,6 +79,7 @@ class Adaptation:
     runs: tuple[Run, ...]
     before: Floats = field(repr=False)
     after: Floats = field(repr=False)
+    reasons: tuple[tuple[str, ...], ...] = field(repr=False)
     model: TabularMDP = field(repr=False)
     safety: tuple[Safety, ...] = ()
 
@@ -90,6 +92,7 @@ class Adaptation:
             "optimum": self.reachable.optimum,
             "worst": self.reachable.worst,
             "runs": [as_dict(run) for run in self.runs],
+            "reasons": [list(lines) for lines in self.reasons],
             "summary": summary(self.runs),
             "safety": {"total": total(self.safety), "runs": [one.as_dict() for one in self.safety]}
             if self.safety
@@ -205,13 +208,15 @@ def adapt_to(
 ) -> Adaptation:
     """Adapt to what is met; see `adapt`."""
     require_adaptable(strategy, seeds)
-    found = []
+    found: list[tuple[Run, Floats, Floats, Safety]] = []
+    reasons: list[tuple[str, ...]] = []
     with one_thread():
         for seed in seeds:
             of_system, of_strategy = np.random.default_rng(seed).spawn(2)
             chosen = met.strategy(strategy, of_strategy)
             limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
-            found.append(_followed(seed, met, chosen, of_system, limit, on_step))
+            told = None if found else reasons
+            found.append(_followed(seed, met, chosen, of_system, limit, on_step, told))
     runs, before, after, safety = zip(*found, strict=True)
     return Adaptation(
         system=met.system.name,
@@ -221,6 +226,7 @@ def adapt_to(
         runs=runs,
         before=before[0],
         after=after[0],
+        reasons=tuple(reasons),
         model=met.model,
         safety=safety if met.shield is not None or met.unsafe is not None else (),
     )
@@ -233,8 +239,9 @@ def _followed(
     generator: np.random.Generator,
     max_episodes: int,
     on_step: OnStep,
+    reasons: list[tuple[str, ...]] | None,
 ) -> tuple[Run, Floats, Floats, Safety]:
-    """One adaptation, with the policies before and after, and what happened."""
+    """One adaptation: the policies before and after, and what happened; `reasons` gets each row's reasons."""
     simulated = met_system(met, generator)
     nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
     supervised = Supervised(
@@ -244,6 +251,8 @@ def _followed(
     rows = []
     for row in adaptation(supervised, strategy, evaluator(met.model, met.context.horizon), max_episodes):
         rows.append(row)
+        if reasons is not None:
+            reasons.append(strategy.explain())
         if row.step:
             on_step()
     run = judged(seed, rows, met.reachable, simulated.steps_back)
