@@ -87,7 +87,8 @@ def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:
 def _scale(name: str, low: int, high: int) -> Scale:
     if name in _CATEGORIES:
         return "category"
-    return "flag" if low >= 0 and high <= 1 else "coordinate"
+    is_flag = low >= 0 and high <= 1 and name not in _COORDINATES
+    return "flag" if is_flag else "coordinate"
 
 
 def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> Tensor:
