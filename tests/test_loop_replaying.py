@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 
 import pytest
@@ -18,6 +16,7 @@ from merap.online.knowledge.rows import DecisionRow
 from merap.online.logs import FILE_NAME, JsonLines
 from merap.online.loop.replaying import check_decisions
 from merap.online.loop.running import run_loop
+from tests.command_line import CommandLine
 from tests.loop_runs import MOVED, scenario
 from tests.trained_runs import trained
 
@@ -65,17 +64,19 @@ def test_the_log_is_in_the_file_and_in_the_knowledge_base(run: RunFolder, knowle
     assert [json.loads(line) for line in lines] == [event_record(event) for event in knowledge.events(1)]
 
 
-def test_replay_checks_on_request(run: RunFolder, knowledge: KnowledgeBase) -> None:
+def test_replay_checks_on_request(
+    run: RunFolder,
+    knowledge: KnowledgeBase,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    replay = CommandLine(monkeypatch, capsys, "knowledge", "replay", "--db", default_url(run.path))
     number = forged(knowledge, DecisionRow(2, 1, "replan", ("no reason",)))
-    command = [sys.executable, "-m", "merap", "knowledge", "replay", "--db", default_url(run.path)]
-    for wanted, code, ending in (
-        (1, 0, "the same is done and decided again"),
-        (number, 1, "episode 2, step 1: replan: recorded 'no reason', derived nothing"),
-    ):
-        arguments = [str(wanted), "--check", str(run.path)]
-        done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (code, "")
-        assert done.stdout.splitlines()[-1] == ending
+    same, other = (replay(wanted, "--check", run.path) for wanted in (1, number))
+    assert (same.code, same.err) == (0, "")
+    assert same.out.splitlines()[-1] == "the same is done and decided again"
+    assert (other.code, other.err) == (1, "")
+    assert other.out.splitlines()[-1] == "episode 2, step 1: replan: recorded 'no reason', derived nothing"
 
 
 def test_a_decision_that_does_not_follow_is_found(run: RunFolder, knowledge: KnowledgeBase) -> None:
