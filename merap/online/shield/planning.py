@@ -14,7 +14,7 @@ from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.planning import backward_induction
 from merap.online.shield.fixpoint import Risk, robust_risk
 from merap.online.shield.models import model_sets
-from merap.online.shield.policy import slack_mask
+from merap.online.shield.policy import planning_mask, slack_mask
 
 # What a planned step costs that the shield would not allow: more than any task is worth.
 FORBIDDEN = -1e6
@@ -86,8 +86,7 @@ class Plans:
             masks = [np.ones(model.enabled.shape, dtype=np.bool_)] * 2
             if self._threshold is not None:
                 risk = self._risk(credible)
-                careful = slack_mask(risk, 0.0)
-                masks = [careful | (risk.of_actions <= self._threshold), careful]
+                masks = [planning_mask(risk, self._threshold), slack_mask(risk, 0.0)]
             self._plans[key] = np.stack([_best(model, mask, self._horizon) for mask in masks])
         return self._plans[key]
 

@@ -32,6 +32,12 @@ def slack_mask(risk: Risk, slack: float) -> Bools:
     return risk.certain | ((bound > 0) & (risk.of_actions <= bound + risk.residual))
 
 
+def planning_mask(risk: Risk, threshold: float) -> Bools:
+    """bool [..., S, A]: what the whole budget of an episode could allow in one step, or is least risky."""
+    within: Bools = risk.of_actions <= threshold
+    return within | slack_mask(risk, 0.0)
+
+
 def policy_risk(sets: OutcomeSets, policy: Floats, horizon: int) -> Floats:
     """The greatest probability of a violation within T steps under any credible model.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from merap.mdp.model import Bools, Floats
 from merap.online.belief.space import HypothesisSpace
-from merap.online.shield.policy import masked_policy, slack_mask
+from merap.online.shield.policy import masked_policy, planning_mask
 from merap.online.shield.shield import RobustShield, ShieldReport
 from merap.online.shield.watch import Watch
 from merap.online.strategy import Strategy
@@ -116,6 +116,9 @@ class ShieldedStrategy:
             f"{done.fallbacks} steps with nothing within the budget; least risk from the start "
             f"{float(self._start @ self._shield.risk.of_states):.3g}"
         )
+        unexplained = self._watch.belief.unexplained
+        if unexplained:
+            line += f"; {unexplained} observations that no hypothesis explains, so that nothing is promised"
         return (*self._strategy.explain(), line)
 
     def report(self) -> ShieldReport:
@@ -131,6 +134,4 @@ class ShieldedStrategy:
     def _restrict(self) -> None:
         """A planner keeps to what an episode's whole budget could allow in one step."""
         if isinstance(self._strategy, Restrictable):
-            risk = self._shield.risk
-            within = risk.of_actions <= self._shield.threshold
-            self._strategy.restrict(within | slack_mask(risk, 0.0))
+            self._strategy.restrict(planning_mask(self._shield.risk, self._shield.threshold))
