@@ -19,7 +19,8 @@ from merap.learning.run_folder import RunFolder
 from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
-from merap.online.adaptation import Adaptation, Conditions, adapt, encounter, spread_of_pretrained
+from merap.online.adaptation import Adaptation, adapt, spread_of_pretrained
+from merap.online.encounter import Conditions, encounter
 from merap.online.strategies.registry import BELIEF, GRADIENT, STRATEGIES
 from tests.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained

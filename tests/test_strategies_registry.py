@@ -14,7 +14,7 @@ from safetensors.torch import save_file
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.mdp.model import TabularMDP
-from merap.online.adaptation import Encounter, encounter
+from merap.online.encounter import Encounter, encounter
 from merap.online.running import adaptation, evaluator
 from merap.online.strategies.registry import (
     STRATEGIES,

@@ -120,6 +120,7 @@ def adapt(
     """Adapt to a system that is met online, and score it against the optimum."""
     from merap.learning.run_folder import read_run
     from merap.online import adaptation
+    from merap.online.encounter import Conditions, encounter
     from merap.online.strategies.registry import ALL, PRETRAINED, episodes_per_update, parse_strategy
 
     require_free_report(json, force=force)
@@ -128,11 +129,11 @@ def adapt(
         steps = max_episodes // episodes_per_update(strategy, episodes_per_step)
     opened = read_run(run)
     chosen = _seeds(seeds)
-    met = adaptation.encounter(
+    met = encounter(
         opened,
         opened.case.system(system),
         episodes_per_step=episodes_per_step,
-        conditions=adaptation.Conditions(reward_noise, slip, reset),
+        conditions=Conditions(reward_noise, slip, reset),
         shield=_shield(shield, hazard_prior),
     )
     report: Adaptation | Spread

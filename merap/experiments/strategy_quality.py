@@ -8,15 +8,9 @@ from typing import Any
 
 from merap.experiments.belief_quality import Condition, outside_of
 from merap.learning.run_folder import RunFolder
-from merap.online.adaptation import (
-    Adaptation,
-    Conditions,
-    Encounter,
-    adapt_to,
-    encounter,
-    spread_of_pretrained,
-)
+from merap.online.adaptation import Adaptation, adapt_to, spread_of_pretrained
 from merap.online.curve import summary
+from merap.online.encounter import Conditions, Encounter, encounter
 from merap.online.strategies.registry import ALL, PRETRAINED, STRATEGIES
 
 COMPARED = tuple(f"{name}:{ALL}" if name == PRETRAINED else name for name in STRATEGIES)

@@ -6,50 +6,24 @@ Axes: B episodes, T steps, S states, A actions.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from merap.base.build import model_of
-from merap.concerns.combination import Combination, ResetMode
+from merap.concerns.combination import Combination
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
-from merap.mdp.model import Bools, Floats, TabularMDP
+from merap.mdp.model import Floats, TabularMDP
 from merap.online.curve import Range, Run, as_dict, judged, summary
-from merap.online.managed.slip import slipping_model
-from merap.online.running import adaptation, evaluator, executed, reachable_range
+from merap.online.encounter import UNDISTURBED, Conditions, Encounter, encounter, met_system, supervised
+from merap.online.running import adaptation, evaluator, executed
 from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
-from merap.online.shield.supervision import Safety, Supervised, total, unsafe_of
-from merap.online.strategies.registry import (
-    ALL,
-    GRADIENT,
-    PRETRAINED,
-    StrategyContext,
-    make_strategy,
-    parse_strategy,
-)
-from merap.online.strategy import StateIndex, Strategy
-from merap.online.systems import SimulatedSystem
+from merap.online.shield.supervision import Safety, total
+from merap.online.strategies.registry import ALL, GRADIENT, PRETRAINED, parse_strategy
+from merap.online.strategy import Strategy
 
-
-@dataclass(frozen=True)
-class Conditions:
-    """What makes a system harder to learn from than its model says.
-
-    Attributes:
-        reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
-        slip: probability that an action does nothing; policies are scored with it.
-        reset: how an episode after the first begins; None: as the case says of the system.
-    """
-
-    reward_noise: float = 0.0
-    slip: float = 0.0
-    reset: ResetMode | None = None
-
-
-UNDISTURBED = Conditions()
 OnStep = Callable[[], None]
 
 
@@ -98,53 +72,6 @@ class Adaptation:
             if self.safety
             else None,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Encounter:
-    """A simulated system that is met, for any strategy to adapt to.
-
-    Attributes:
-        system: what is met.
-        conditions: what it is like, with a reset mode.
-        model: its true model, on the canonical index.
-        reachable: what any policy can earn there.
-        context: what strategies are made from.
-        shield: what strategies are shielded by; None: nothing.
-        unsafe: bool [S], where the system's objective says so; None: it says nothing.
-    """
-
-    system: Combination
-    conditions: Conditions
-    model: TabularMDP
-    reachable: Range
-    context: StrategyContext
-    shield: ShieldSettings | None = None
-    unsafe: Bools | None = None
-
-    def strategy(self, name: str, generator: np.random.Generator) -> Strategy:
-        """A strategy before any episode, shielded if it is to be; see `registry.make_strategy`."""
-        chosen = make_strategy(name, self.context, generator)
-        if self.shield is None:
-            return chosen
-        return ShieldedStrategy(chosen, self.context.hypotheses, self.context.horizon, self.shield)
-
-
-def encounter(
-    run: RunFolder,
-    system: Combination,
-    *,
-    episodes_per_step: int = 35,
-    conditions: Conditions = UNDISTURBED,
-    shield: ShieldSettings | None = None,
-) -> Encounter:
-    """Build a system that is met; see `adapt`."""
-    unsafe = unsafe_of(system, required=shield is not None)
-    given = replace(conditions, reset=conditions.reset or system.reset)
-    model = slipping_model(system, given.slip) if given.slip else model_of(system)
-    horizon = system.objective.horizon
-    context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
-    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe)
 
 
 def adapt(
@@ -243,35 +170,18 @@ def _followed(
 ) -> tuple[Run, Floats, Floats, Safety]:
     """One adaptation: the policies before and after, and what happened; `reasons` gets each row's reasons."""
     simulated = met_system(met, generator)
-    nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
-    supervised = Supervised(
-        simulated, StateIndex(met.model.valuations), nowhere if met.unsafe is None else met.unsafe
-    )
+    counted = supervised(met, simulated)
     before = executed(met.model, strategy.policy())
     rows = []
-    for row in adaptation(supervised, strategy, evaluator(met.model, met.context.horizon), max_episodes):
+    for row in adaptation(counted, strategy, evaluator(met.model, met.context.horizon), max_episodes):
         rows.append(row)
         if reasons is not None:
             reasons.append(strategy.explain())
         if row.step:
             on_step()
     run = judged(seed, rows, met.reachable, simulated.steps_back)
-    safety = supervised.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
+    safety = counted.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
     return run, before, executed(met.model, strategy.policy()), safety
-
-
-def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
-    """What is met, with its detectors."""
-    assert met.conditions.reset is not None
-    return SimulatedSystem(
-        met.system,
-        met.context.horizon,
-        generator,
-        slip=met.conditions.slip,
-        noise=met.conditions.reward_noise,
-        detect=True,
-        reset=met.conditions.reset,
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from merap.concerns.combination import Combination
 from merap.learning.meta import MetaPolicy
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
-from merap.online.adaptation import OnStep, encounter, met_system
+from merap.online.adaptation import OnStep
+from merap.online.encounter import encounter, met_system
 from merap.online.running import episode
 from merap.online.strategies.gradient import GradientStrategy
 

@@ -1,0 +1,109 @@
+"""A simulated system that is met: what it is like, and how strategies meet it.
+
+Axes: S states of the canonical index.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from merap.base.build import model_of
+from merap.concerns.combination import Combination, ResetMode
+from merap.learning.run_folder import RunFolder
+from merap.mdp.model import Bools, TabularMDP
+from merap.online.curve import Range
+from merap.online.managed.slip import slipping_model
+from merap.online.running import reachable_range
+from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.supervision import Supervised, unsafe_of
+from merap.online.strategies.registry import StrategyContext, make_strategy
+from merap.online.strategy import StateIndex, Strategy
+from merap.online.systems import SimulatedSystem
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What makes a system harder to learn from than its model says.
+
+    Attributes:
+        reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
+        slip: probability that an action does nothing; policies are scored with it.
+        reset: how an episode after the first begins; None: as the case says of the system.
+    """
+
+    reward_noise: float = 0.0
+    slip: float = 0.0
+    reset: ResetMode | None = None
+
+
+UNDISTURBED = Conditions()
+
+
+@dataclass(frozen=True, eq=False)
+class Encounter:
+    """A simulated system that is met, for any strategy to adapt to.
+
+    Attributes:
+        system: what is met.
+        conditions: what it is like, with a reset mode.
+        model: its true model, on the canonical index.
+        reachable: what any policy can earn there.
+        context: what strategies are made from.
+        shield: what strategies are shielded by; None: nothing.
+        unsafe: bool [S], where the system's objective says so; None: it says nothing.
+    """
+
+    system: Combination
+    conditions: Conditions
+    model: TabularMDP
+    reachable: Range
+    context: StrategyContext
+    shield: ShieldSettings | None = None
+    unsafe: Bools | None = None
+
+    def strategy(self, name: str, generator: np.random.Generator) -> Strategy:
+        """A strategy before any episode, shielded if it is to be; see `registry.make_strategy`."""
+        chosen = make_strategy(name, self.context, generator)
+        if self.shield is None:
+            return chosen
+        return ShieldedStrategy(chosen, self.context.hypotheses, self.context.horizon, self.shield)
+
+
+def encounter(
+    run: RunFolder,
+    system: Combination,
+    *,
+    episodes_per_step: int = 35,
+    conditions: Conditions = UNDISTURBED,
+    shield: ShieldSettings | None = None,
+) -> Encounter:
+    """Build a system that is met; see `adaptation.adapt`."""
+    unsafe = unsafe_of(system, required=shield is not None)
+    given = replace(conditions, reset=conditions.reset or system.reset)
+    model = slipping_model(system, given.slip) if given.slip else model_of(system)
+    horizon = system.objective.horizon
+    context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
+    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe)
+
+
+def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
+    """What is met, with its detectors."""
+    assert met.conditions.reset is not None
+    return SimulatedSystem(
+        met.system,
+        met.context.horizon,
+        generator,
+        slip=met.conditions.slip,
+        noise=met.conditions.reward_noise,
+        detect=True,
+        reset=met.conditions.reset,
+    )
+
+
+def supervised(met: Encounter, simulated: SimulatedSystem) -> Supervised:
+    """The same with its violations counted; none if nothing is unsafe there."""
+    nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
+    unsafe = nowhere if met.unsafe is None else met.unsafe
+    return Supervised(simulated, StateIndex(met.model.valuations), unsafe)
