@@ -27,6 +27,7 @@ from torch.nn.functional import embedding, one_hot
 
 from merap.base.build import build_base
 from merap.concerns.case_study import load_case
+from merap.errors import InputError
 from merap.learning.policy import Parameters, PolicyNetwork, initial_parameters
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.model import TabularMDP
@@ -102,7 +103,8 @@ def make_world(models: Sequence[TabularMDP], horizon: int, episodes: int) -> Wor
     """An environment for every episode of an update, whichever tasks it draws."""
     envs = [[MDPEnv(model, horizon) for _ in range(episodes)] for model in models]
     acting = models[0].enabled[:, :-1]
-    assert (acting.all(axis=1) | ~acting.any(axis=1)).all(), "the baseline masks no actions"
+    if not (acting.all(axis=1) | ~acting.any(axis=1)).all():
+        raise InputError("the baseline masks no actions: each must be enabled wherever another one is")
     return World(envs, models[0].num_states, acting.shape[1], horizon)
 
 

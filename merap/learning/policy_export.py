@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from merap.base.build import model_of
+from merap.base.build import canonical
 from merap.checker.building import build_combination
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
@@ -127,8 +127,8 @@ def prism_text(meta: MetaPolicy, system: Combination, title: str) -> str:
         ModelError: the system's model is unsound.
         EngineError: Storm failed.
     """
-    table = tabulate(meta, [model_of(system)])
     whole = build_combination(system).mdp
+    table = tabulate(meta, [canonical(system, whole)])
     chain = induced_chain(whole, _on_whole(whole, table))
     return render_policy(system, restrict_to_reachable(chain), title)
 
