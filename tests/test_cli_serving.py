@@ -82,6 +82,7 @@ def test_a_port_that_is_taken_is_one_clear_line(server: tuple[subprocess.Popen[s
     [
         (["--system", "nowhere"], "nowhere"),
         (["--scenario", "models/running-example/three-changes.yaml", "--slip", "0.1"], "give none"),
+        (["--deadline", "1"], "--deadline and --fallback belong together"),
         (["--slip", "1"], r"must be in [0, 1), it is 1.0"),
     ],
 )

@@ -14,8 +14,8 @@ from merap.online.managed.dialect import Seen
 from merap.online.managed.faults import SystemFault
 from merap.online.managed.http_client import UpisasClient
 from merap.online.managed.http_system import HttpSystem
-from merap.online.managed.interface import Json
-from merap.online.managed.served import ServedSystem
+from merap.online.managed.interface import Json, interface_of
+from merap.online.managed.served import Pace, ServedSystem
 from merap.online.managed.served_dialect import open_served
 from merap.online.systems import Observation, SimulatedSystem
 from tests.hand_made import grid_combination
@@ -183,6 +183,25 @@ def test_one_step_of_another_manager_is_seen_as_what_was_taken() -> None:
 def test_a_foreign_system_is_no_served_one() -> None:
     with raw_server(demo_exemplar([])) as url, pytest.raises(SystemFault, match="not those of `merap serve`"):
         open_served(url, timeout=10)
+
+
+def test_a_manager_that_is_late_sees_what_the_system_has_done_without_it() -> None:
+    """The system falls back on `down` after a minute: once, which is told; then twice, which is too much."""
+    combination, clock = grid_combination(goal=(0, 2)), 0.0
+    paced = ServedSystem(
+        SimulatedSystem(combination, 18, np.random.default_rng(0)),
+        interface_of(combination, detect=False),
+        pace=Pace(60.0, "down"),
+        clock=lambda: clock,
+    )
+    with raw_server(FlakyServer(paced, iter(()))) as url, open_served(url, timeout=10) as system:
+        system.reset()
+        clock = 61.0
+        found = system.step(RIGHT)
+        assert (found.taken, found.valuation.tolist()) == (DOWN, [1, 0, 0])
+        clock = 200.0
+        with pytest.raises(SystemFault, match=r"missed: .* it is at step 3 of episode 2"):
+            system.step(RIGHT)
 
 
 Numbers = list[float]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from merap.errors import InputError
 from merap.online.managed.interface import Interface, Json, Variable
-from merap.online.managed.served import RefusedRequestError, ServedSystem
+from merap.online.managed.served import Pace, RefusedRequestError, ServedSystem
 from merap.online.systems import Observation
 
 ACTIONS = ("stop", "go")
@@ -114,3 +114,54 @@ def test_rewards_of_an_episode_add_up() -> None:
     assert served.monitor()["total"] == 3
     served.execute({"reset": True})
     assert served.monitor()["total"] == 0
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def paced() -> tuple[Clock, Counting, ServedSystem]:
+    clock, system = Clock(), Counting()
+    return clock, system, ServedSystem(system, COUNTED, pace=Pace(2.0, "stop"), clock=clock)
+
+
+def test_a_system_with_a_pace_does_not_wait_for_a_late_manager() -> None:
+    clock, system, served = paced()
+    clock.now += 1.9
+    served.execute({"action": "go"})
+    clock.now += 4.1  # two deadlines have passed, and 0.1 s of the third
+    assert served.monitor()["action"] == "stop"
+    assert system.told == ["reset", "go", "stop", "stop"]
+    clock.now += 1.8
+    served.execute({"action": "go"})
+    assert system.told[-1] == "go"
+    assert served.monitor()["total"] == 4
+
+
+def test_a_decision_that_is_late_is_refused_and_the_fallback_is_seen() -> None:
+    clock, system, served = paced()
+    clock.now += 2.5
+    assert executed(served, {"action": "go", "episode": 1, "step": 0}) == HTTPStatus.CONFLICT
+    assert (served.monitor()["action"], served.monitor()["step"]) == ("stop", 1)
+    assert system.told == ["reset", "stop"]
+
+
+def test_a_paced_system_waits_where_nothing_can_be_done() -> None:
+    """The episode is over after five steps; then it waits for its reset, from which it counts again."""
+    clock, system, served = paced()
+    clock.now += 1000
+    assert served.monitor()["step"] == 5
+    served.execute({"reset": True})
+    clock.now += 1
+    assert served.monitor()["step"] == 0
+    assert system.told == ["reset", *["stop"] * 5, "reset"]
+
+
+@pytest.mark.parametrize("pace", [Pace(0, "stop"), Pace(float("nan"), "stop"), Pace(1, "flee")])
+def test_a_pace_that_makes_no_sense_is_refused(pace: Pace) -> None:
+    with pytest.raises(InputError, match=r"a deadline is a positive number|no action 'flee' to fall back on"):
+        ServedSystem(Counting(), COUNTED, pace=pace)

@@ -42,6 +42,12 @@ def serve(
     reset: Annotated[
         ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
     ] = None,
+    deadline: Annotated[
+        float | None, typer.Option(metavar="S", help="Seconds for a decision; needs --fallback.")
+    ] = None,
+    fallback: Annotated[
+        str | None, typer.Option(help="What the system does when no decision comes in time.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of single requests.")] = False,
 ) -> None:
     """Offer a simulated system behind HTTP, with the endpoints of UPISAS, until it is interrupted."""
@@ -49,8 +55,12 @@ def serve(
 
     from merap.online.loop.scenario import read_scenario
     from merap.online.managed.http_server import listening, server
+    from merap.online.managed.served import Pace
     from merap.online.managed.serving import served_combination, served_scenario
 
+    if (deadline is None) != (fallback is None):
+        raise InputError("--deadline and --fallback belong together", source="merap serve")
+    pace = None if deadline is None or fallback is None else Pace(deadline, fallback)
     study = load_case(case)
     warn(study.warnings)
     if scenario is None:
@@ -61,6 +71,7 @@ def serve(
             noise=reward_noise,
             detect=detect,
             reset=reset,
+            pace=pace,
         )
     else:
         if system is not None or slip or reward_noise or reset is not None or seed:
@@ -68,7 +79,7 @@ def serve(
                 "the scenario says what is met, with seed, noise, slip and reset; give none",
                 source="--scenario",
             )
-        served = served_scenario(study, read_scenario(scenario), detect=detect)
+        served = served_scenario(study, read_scenario(scenario), detect=detect, pace=pace)
     with listening(host, port) as listener:
         if not quiet:
             _log_to_standard_error()

@@ -1,11 +1,14 @@
 """A managed system with counters, in the form in which it is served; knows nothing of HTTP.
 
-Turn-based: it waits for its manager, and one request is carried out after the other.
+One request is carried out after the other. The system waits for its manager, or goes at a pace of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
@@ -18,6 +21,7 @@ from merap.online.managed.interface import Interface, Json, execute_schema
 from merap.online.systems import ManagedSystem
 
 MAX_MESSAGE = 500
+log = logging.getLogger(__name__)
 
 
 class RefusedRequestError(MerapError):
@@ -46,9 +50,30 @@ class _Command:
     decided: tuple[int, int]
 
 
+def _check_pace(pace: Pace, actions: tuple[str, ...]) -> None:
+    if not 0 < pace.seconds < math.inf:
+        raise InputError(f"a deadline is a positive number of seconds, not {pace.seconds}")
+    if pace.fallback not in actions:
+        allowed = ", ".join(actions)
+        raise InputError(f"there is no action {pace.fallback!r} to fall back on; allowed: {allowed}")
+
+
 def _bad_request(message: str) -> RefusedRequestError:
     shown = message if len(message) <= MAX_MESSAGE else message[:MAX_MESSAGE] + " ..."
     return RefusedRequestError(HTTPStatus.BAD_REQUEST, shown)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """A system that does not wait for its manager.
+
+    Attributes:
+        seconds: for a decision, from one step to the next.
+        fallback: name of the action that the system takes when there is none in time.
+    """
+
+    seconds: float
+    fallback: str
 
 
 class ServedSystem:
@@ -59,14 +84,27 @@ class ServedSystem:
     Args:
         system: what is managed.
         interface: how it is shown.
+        pace: None: it waits. Where the fallback is not enabled, and when the episode is over, it waits too.
+        clock: seconds, never going back.
 
     Raises:
-        InputError: the system has other actions than the interface, or can't be reset.
+        InputError: the system has other actions than the interface or can't be reset, or the pace is none.
     """
 
-    def __init__(self, system: ManagedSystem, interface: Interface) -> None:
+    def __init__(
+        self,
+        system: ManagedSystem,
+        interface: Interface,
+        *,
+        pace: Pace | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         if system.actions != interface.actions:
             raise InputError(f"the system has the actions {system.actions}, not {interface.actions}")
+        if pace is not None:
+            _check_pace(pace, interface.actions)
+        self._pace, self._clock = pace, clock
+        self._since = clock()
         self.interface = interface
         self._system = system
         self._validator = Draft202012Validator(execute_schema(interface))
@@ -76,6 +114,7 @@ class ServedSystem:
 
     def monitor(self) -> Json:
         """What is seen now; see `interface.monitor_schema`."""
+        self._catch_up()
         seen = self._seen
         names = (variable.name for variable in self.interface.variables)
         return {
@@ -99,6 +138,7 @@ class ServedSystem:
         Raises:
             RefusedRequestError: the request is malformed or not possible now; nothing has happened.
         """
+        self._catch_up()
         command = self._command(request)
         if command.decided != self._now():
             self._require_repeated(command)
@@ -134,8 +174,21 @@ class ServedSystem:
                 f"episode {episode}, step {step}",
             )
 
+    def _catch_up(self) -> None:
+        """The fallbacks of all deadlines that have passed: nobody could see them before."""
+        pace = self._pace
+        while pace is not None and self._clock() - self._since >= pace.seconds and self._can(pace.fallback):
+            log.warning("no decision within %g s; the system takes %s", pace.seconds, pace.fallback)
+            due = self._since + pace.seconds
+            self._step(pace.fallback)
+            self._since, self._last = due, None
+
+    def _can(self, action: str) -> bool:
+        return not self._seen.last and bool(self._seen.enabled[self.interface.actions.index(action)])
+
     def _reset(self) -> None:
         self._seen = self._system.reset()
+        self._since = self._clock()
         self._episode += 1
         self._steps, self._total = 0, 0.0
         self._action: str | None = None
@@ -152,6 +205,7 @@ class ServedSystem:
                 HTTPStatus.CONFLICT, f"action {action!r} is not enabled now; enabled are {', '.join(enabled)}"
             )
         self._seen = self._system.step(index)
+        self._since = self._clock()
         self._steps += 1
         self._total += float(self._seen.reward)
         self._action = action

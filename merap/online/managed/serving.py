@@ -12,7 +12,7 @@ from merap.online.loop.scenario import Scenario
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.truth import truths
 from merap.online.managed.interface import interface_of
-from merap.online.managed.served import ServedSystem
+from merap.online.managed.served import Pace, ServedSystem
 from merap.online.systems import SimulatedSystem
 
 
@@ -24,6 +24,7 @@ def served_combination(
     noise: float = 0.0,
     detect: bool = True,
     reset: ResetMode | None = None,
+    pace: Pace | None = None,
 ) -> ServedSystem:
     """A combination, simulated; see `SimulatedSystem`.
 
@@ -34,9 +35,10 @@ def served_combination(
         noise: standard deviation of the Gaussian noise on rewards.
         detect: whether the case's detectors are read.
         reset: how an episode begins; None: as the case says.
+        pace: None: it waits for its manager.
 
     Raises:
-        InputError: a number is out of range.
+        InputError: a number is out of range, or there is no such action to fall back on.
     """
     simulated = SimulatedSystem(
         met,
@@ -47,19 +49,28 @@ def served_combination(
         detect=detect,
         reset=reset or met.reset,
     )
-    return ServedSystem(simulated, interface_of(met, detect=detect))
+    return ServedSystem(simulated, interface_of(met, detect=detect), pace=pace)
 
 
-def served_scenario(case: CaseStudy, scenario: Scenario, *, detect: bool = True) -> ServedSystem:
+def served_scenario(
+    case: CaseStudy, scenario: Scenario, *, detect: bool = True, pace: Pace | None = None
+) -> ServedSystem:
     """A system that changes as a scenario says, with its noise, slip, reset and seed.
 
     What the scenario says of sensing, strategy and episodes is for a loop, and not used.
 
+    Args:
+        case: of the scenario.
+        scenario: what changes when.
+        detect: whether the case's detectors are read.
+        pace: None: it waits for its manager.
+
     Raises:
-        InputError: the scenario does not fit the case; names file and line.
+        InputError: the scenario does not fit the case; names file and line. There is no such action to
+            fall back on.
     """
     spec = scenario.spec
     stages = truths(scenario.stages(case), spec.noise.slip)
     system = ScenarioSystem(stages, spec.noise, spec.reset, np.random.default_rng(spec.seed))
     interface = interface_of(stages[0].stage.system, detect=detect)
-    return ServedSystem(system, replace(interface, system=spec.scenario))
+    return ServedSystem(system, replace(interface, system=spec.scenario), pace=pace)
