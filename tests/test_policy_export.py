@@ -29,7 +29,7 @@ RUNNING_EXAMPLE = Path(__file__).parents[1] / "models" / "running-example"
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """Modes, slip and disabled actions; its met systems are built in part only."""
-    config = TrainingConfig(updates=15, episodes=5)
+    config = TrainingConfig(updates=4, episodes=5)
     return trained(tmp_path_factory.mktemp("runs") / "run", config, RUNNING_EXAMPLE)
 
 
