@@ -34,6 +34,13 @@ def test_list_has_a_row_for_each_run(knowledge: CommandLine, db: str) -> None:
     assert second.split()[-3:] == ["-", "0", "0"]
 
 
+def test_an_empty_list_says_where_without_a_password(knowledge: CommandLine, postgresql_url: str) -> None:
+    open_knowledge(postgresql_url).close()
+    line = knowledge.printed("list", "--db", postgresql_url)
+    assert line.startswith("postgresql://postgres:***@127.0.0.1:")
+    assert line.endswith("/postgres: no runs\n")
+
+
 def test_list_and_show_of_postgresql_as_json(knowledge: CommandLine, postgresql_url: str) -> None:
     with open_knowledge(postgresql_url) as opened:
         run = record_run(opened)

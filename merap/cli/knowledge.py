@@ -46,12 +46,13 @@ def list_runs(db: Db, json: options.Json = None, force: options.Force = False) -
 
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
+        place = knowledge.place
         found = [(row, knowledge.counts(row.id)) for row in knowledge.runs()]
     write_json(json, [{**run_record(row), "entries": dict(counts)} for row, counts in found], force=force)
     if str(json) == "-":
         return
     if not found:
-        say(f"{db}: no runs")
+        say(f"{place}: no runs")
         return
     table(
         ("run", "name", "case", "started (UTC)", "finished (UTC)", "observations", "decisions"),

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 PolicyKind: TypeAlias = Literal["meta", "adapted"]
 Level: TypeAlias = Literal["debug", "info", "warning", "error"]
-LEVELS: tuple[Level, ...] = ("debug", "info", "warning", "error")
 
 
 def now() -> datetime:
