@@ -372,7 +372,7 @@ def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> 
 
 
 def test_learning_is_good(tmp_path: Path) -> None:
-    """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck (here: in 10 steps, of 30 asked for).
+    """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck (here: in 8 steps, of 30 asked for).
 
     The bounds are far away: means of 1.1 to 1.5 steps and 0 of 300 runs stuck were measured, so by
     the rule of three under 1 percent are stuck at 95 percent confidence, and a mean of 3.5 over 20
@@ -383,8 +383,8 @@ def test_learning_is_good(tmp_path: Path) -> None:
     steps: list[int | None] = []
     for seed in TRAINING_SEEDS:
         run = trained(tmp_path / str(seed), TrainingConfig(seed=seed), ONE_OF_SIXTEEN)
-        found = adapt(run, run.case.system("met"), episodes_per_step=35, steps=10, seeds=range(20))
+        found = adapt(run, run.case.system("met"), episodes_per_step=35, steps=8, seeds=range(10))
         steps += [one.steps_to_within_5_percent for one in found.runs]
     reached = [step for step in steps if step is not None]
-    assert len(reached) == len(steps) == 40
+    assert len(reached) == len(steps) == 20
     assert np.mean(reached) <= 3.5
