@@ -107,6 +107,21 @@ def test_a_planner_gets_to_the_goal_behind_a_shield() -> None:
     assert line.startswith("shield at 0: ")
 
 
+def test_a_planner_keeps_to_a_mask() -> None:
+    _, space = shipped("hazard-grid")
+    planner = BeliefStrategy(space, 10, np.random.default_rng(0))
+    mask = np.ones((space.num_states + 1, len(space.actions)), dtype=np.bool_)
+    right = space.case.actions.index("right")
+    mask[:, right] = False
+    mask[5] = False
+    assert planner.policy()[:, :, right].any()
+    planner.restrict(mask)
+    policy = planner.policy()[:, :-1]
+    # State 5 has nothing left in the mask and is not restricted; the completed state is nobody's.
+    assert not np.delete(policy, 5, axis=1)[..., right].any()
+    assert policy[:, 5, right].any()
+
+
 def test_the_policy_is_within_the_mask_under_every_model_of_the_base() -> None:
     case, space = shipped("hazard-grid")
     strategy = shielded("hazard-grid", Reckless(space, np.random.default_rng(0)), 0.05)

@@ -15,7 +15,7 @@ from merap.learning.rollout import Episodes
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import train
 from merap.mdp.model import TabularMDP
-from merap.online.running import adapted, evaluator, executed, reachable_range
+from merap.online.running import adapted, episode, evaluator, executed, reachable_range
 from merap.online.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
@@ -140,6 +140,44 @@ def test_a_shield_is_obeyed_even_against_the_policy() -> None:
     assert strategy.act(np.ones(5, dtype=np.bool_)) == 1
     only = np.array([False, False, True, False, True])
     assert {strategy.act(only) for _ in range(100)} == {2, 4}
+
+
+def test_a_mask_goes_into_the_logits_and_into_the_gradient() -> None:
+    model = grid_model(grid_task((1, 1)))
+    tasks = task_batch([model], HORIZON, DISCOUNT)
+    meta = meta_policy(tasks, 0, 0.0)
+    strategy = GradientStrategy(meta, model.valuations, 2, np.random.default_rng(0))
+    mask = np.ones((model.num_states, 5), dtype=np.bool_)
+    mask[:, 1] = False
+    mask[3] = False
+    strategy.restrict(mask)
+    masked = torch.from_numpy(mask | (np.arange(len(mask)) == 3)[:, np.newaxis]).unsqueeze(0)
+    masked = masked & tasks.enabled
+    system = Recorder(model, HORIZON, 0)
+    episodes = [episode(system, strategy) for _ in range(2)]
+    assert len(episodes) == 2
+    seen = as_episodes(system.episodes, HORIZON)
+    assert not (seen.action[seen.active] == 1).any()
+    # What was done before it was masked stays possible in the gradient, which would else be undefined.
+    known = sampled_step(
+        meta.network,
+        stack_parameters(meta.parameters, 1),
+        meta.step_sizes,
+        masked,
+        seen,
+        meta.rule,
+        meta.variance,
+    )
+    strategy.update()
+    for name, value in strategy.parameters.items():
+        torch.testing.assert_close(value, known.parameters[name][0], atol=1e-5, rtol=1e-5)
+    assert not strategy.policy()[:3, 1].any()
+    # A row that leaves nothing restricts nothing.
+    assert (strategy.policy()[3] > 0).all()
+    episode(system, strategy)
+    strategy.restrict(np.eye(5, dtype=np.bool_)[np.zeros(model.num_states, dtype=np.int64)])
+    strategy.update()
+    assert all(torch.isfinite(value).all() for value in strategy.parameters.values())
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -77,6 +77,7 @@ class GradientStrategy:
         self._parameters = stack_parameters(meta.parameters, 1)
         self._enabled = np.ones((len(valuations), meta.network.num_actions), dtype=np.bool_)
         self._enabled[-1] = False
+        self._restriction = np.ones_like(self._enabled)
         self._episodes: list[list[_Step]] = []
         self._state = -1
         self._last_returns: tuple[float, ...] = ()
@@ -92,6 +93,11 @@ class GradientStrategy:
         """An episode begins."""
         self._episodes.append([])
         self._look(observation)
+
+    def restrict(self, mask: Bools) -> None:
+        """Mask the logits: behaviour, gradient and policy keep to bool [S, A], where that leaves anything."""
+        self._restriction = mask
+        self._behaviour = self._exploring()
 
     def act(self, allowed: Bools) -> int:
         """An action drawn from the policy with the rule's exploration, among those allowed."""
@@ -110,7 +116,7 @@ class GradientStrategy:
             meta.network,
             self._parameters,
             meta.step_sizes,
-            self._mask(),
+            self._mask() | self._taken(),
             episodes,
             meta.rule,
             self._variance,
@@ -146,8 +152,17 @@ class GradientStrategy:
             self._behaviour = self._exploring()
 
     def _mask(self) -> Tensor:
-        """bool [1, S, A], where actions are taken to be enabled."""
-        return torch.from_numpy(self._enabled).unsqueeze(0)
+        """bool [1, S, A], where actions are taken to be enabled and are not masked."""
+        left = self._enabled & self._restriction
+        mask = np.where(left.any(axis=1, keepdims=True), left, self._enabled)
+        return torch.from_numpy(mask).unsqueeze(0)
+
+    def _taken(self) -> Tensor:
+        """bool [1, S, A], what the episodes have done: possible, though it may be masked by now."""
+        taken = np.zeros_like(self._enabled)
+        steps = [step for episode in self._episodes for step in episode]
+        taken[[step.state for step in steps], [step.action for step in steps]] = True
+        return torch.from_numpy(taken).unsqueeze(0)
 
     def _exploring(self) -> Floats:
         with torch.no_grad():
