@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from merap.errors import MerapError
-from merap.mdp.model import Bools
 from merap.online.loop.executor import MAX_FAULTS, Executor
-from merap.online.loop.messages import Analysis, Plan, Sighting, Transition
-from merap.online.shield.shield import ShieldReport
+from merap.online.loop.messages import Analysis, Plan
 from merap.online.systems import Observation
 from tests.loop_examples import NUM_ACTIONS, monitored, seen
 
@@ -41,36 +39,6 @@ class Scripted:
         if isinstance(answer, str):
             raise MerapError(answer)
         return answer
-
-
-class Strict:
-    """A shield that forbids an action in each state: that with the state's number."""
-
-    def __init__(self) -> None:
-        self.calls: list[str] = []
-
-    def begin(self, state: int) -> None:
-        self.calls.append(f"begin {state}")
-
-    def allowed(self, state: int, enabled: Bools) -> Bools:
-        mask: Bools = enabled & (np.arange(NUM_ACTIONS) != state)
-        return mask
-
-    def took(self, action: int, state: int) -> None:
-        self.calls.append(f"{action} to {state}")
-
-    def refresh(self) -> None:
-        self.calls.append("refresh")
-
-    def report(self) -> ShieldReport:
-        return ShieldReport(threshold=0.0)
-
-
-def whereabouts(**probability: float) -> Analysis:
-    where = np.zeros(82)
-    for name, mass in probability.items():
-        where[int(name[1:])] = mass
-    return Analysis("executing", where)
 
 
 def test_what_is_planned_is_done() -> None:
@@ -107,33 +75,10 @@ def test_an_episode_that_can_not_begin_is_over() -> None:
 
 def test_without_a_shield_everything_enabled_is_allowed() -> None:
     executor = Executor(Scripted(), None)
-    assert executor.allowed(monitored(3), whereabouts(s3=1.0)).all()
-
-
-def test_the_shield_is_told_what_was_seen_and_masks_what_is_enabled() -> None:
-    shield = Strict()
-    executor = Executor(Scripted(seen(0, 0)), shield)
-    executor.reset()
-    mask = executor.allowed(monitored(0, [Sighting(0, seen(0, 0))]), whereabouts(s0=1.0))
-    assert mask.tolist() == [False, True, True, True, True]
-    mask = executor.allowed(monitored(1, [Transition(0, 0, 4, 1, seen(0, 1))]), whereabouts(s1=1.0))
-    assert mask.tolist() == [True, False, True, True, True]
-    executor.end(monitored(2, [Transition(0, 1, 4, 2, seen(0, 2))], last=True))
-    assert [call for call in shield.calls if call != "refresh"] == ["begin 0", "4 to 1", "4 to 2"]
-
-
-def test_where_the_state_is_not_seen_all_probable_ones_must_allow_it() -> None:
-    executor = Executor(Scripted(seen(0, 0)), Strict())
-    executor.reset()
-    mask = executor.allowed(monitored(None), whereabouts(s1=0.5, s2=0.495, s3=0.005))
-    assert mask.tolist() == [True, False, False, True, True]
-
-
-def test_the_mask_is_never_empty() -> None:
-    executor = Executor(Scripted(seen(0, 0)), Strict())
-    executor.reset()
-    mask = executor.allowed(monitored(None), whereabouts(**{f"s{state}": 0.2 for state in range(5)}))
-    assert mask.tolist() == [False, False, False, False, True]
+    assert executor.allowed(monitored(3), Analysis("executing", np.eye(82)[3])).all()
+    assert executor.mask() is None
+    table = np.full((82, NUM_ACTIONS), 1 / NUM_ACTIONS)
+    assert executor.carried_out(table) is table
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,11 @@ from merap.online.loop.building import Built, build
 from merap.online.loop.executor import MAX_FAULTS
 from merap.online.loop.loop import Loop
 from merap.online.loop.records import EpisodeLog
+from merap.online.loop.running import run_loop
 from tests.loop_runs import MOVED, Unsound, doubtful, scenario
 from tests.trained_runs import trained
+
+EXAMPLE = Path(__file__).parents[1] / "models" / "running-example"
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +96,17 @@ def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path
     episodes(built, 5)
     truth = built.truths[0]
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
+
+
+def test_a_shielded_run_never_visits_what_is_unsafe(tmp_path: Path) -> None:
+    """With A blocked the shortest way leads through the dark at B; the other is one step longer."""
+    run = trained(tmp_path / "run", case=EXAMPLE)
+    system = "{environment: {blocked: [A]}, capability: speed_high, objective: g1}"
+    text = f"scenario: dark\nsystem: {system}\nepisodes: 6\n"
+    visits = {}
+    for name, shield in (("without", ""), ("with", "shield: {threshold: 0}\n")):
+        report = run_loop(run, scenario(tmp_path, text, shield))
+        visits[name] = sum(row.unsafe for row in report.rows)
+        assert sum(row.completed for row in report.rows) >= 4
+    assert visits["with"] == 0
+    assert visits["without"] > 0

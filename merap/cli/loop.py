@@ -34,6 +34,10 @@ def run(
     db: Annotated[
         str | None, typer.Option("--db", help="URL of the knowledge base; RUN/knowledge.db by default.")
     ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="File of JSON lines that the log goes to; RUN/events.jsonl by default."),
+    ] = None,
     manager: Annotated[
         str, typer.Option(help="merap, or to compare with: none, random, static, reactive.")
     ] = "merap",
@@ -60,7 +64,7 @@ def run(
     read = read_scenario(scenario)
     opened = read_run(run_folder)
     url = default_url(run_folder) if db is None else db
-    lines = JsonLines(run_folder / FILE_NAME)
+    lines = JsonLines(run_folder / FILE_NAME if log is None else log)
     with lines, open_knowledge(url, notice=lines.notice) as knowledge, job_bar() as bar:
         job = bar.add_task("Running", total=read.spec.episodes, note="")
         report = run_loop(

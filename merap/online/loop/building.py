@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.learning.run_folder import RunFolder
+from merap.online.belief.space import HypothesisSpace
 from merap.online.loop.analyzer import Analyzer
 from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
@@ -17,12 +18,13 @@ from merap.online.loop.managers import make_manager
 from merap.online.loop.memory import NOTHING, Past
 from merap.online.loop.monitor import Monitor
 from merap.online.loop.planner import Planner
+from merap.online.loop.protection import Protection
 from merap.online.loop.recorded_system import RecordedSystem
 from merap.online.loop.scenario import Scenario
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
 from merap.online.loop.truth import Truth, truths
-from merap.online.shield.shield import Shield
+from merap.online.shield.shielded_strategy import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem
 from merap.online.trigger.making import make_trigger
@@ -37,14 +39,14 @@ class Built:
         parts: of the loop.
         system: that is controlled.
         truths: what is really there, stage by stage.
-        shield: None: there is none.
+        protection: by a shield; None: there is none.
         adapts: whether the policy is adapted before it is carried out.
     """
 
     parts: Parts
     system: ScenarioSystem
     truths: tuple[Truth, ...]
-    shield: Shield | None
+    protection: Protection | None
     adapts: bool
 
 
@@ -85,7 +87,7 @@ def build(
     trigger = make_trigger(settings) if chosen.replans else None
     readings = settings if isinstance(settings, ChangeSettings) else None
     analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
-    shield = None
+    protection = _protection(scenario, context.hypotheses, horizon)
     system = ScenarioSystem(stages, spec.noise, spec.reset, of_system)
     punctual: Punctual[int] = Punctual(spec.deadline.seconds)
     late = frozenset((one.row.episode, step) for one in past.episodes for step in one.late)
@@ -94,10 +96,10 @@ def build(
         analyzer=analyzer,
         learner=learner,
         planner=Planner(learner, fallback, punctual, of_planner, late),
-        executor=Executor(RecordedSystem(past.episodes, guard(system)), shield),
+        executor=Executor(RecordedSystem(past.episodes, guard(system)), protection),
         punctual=punctual,
     )
-    return Built(parts, system, stages, shield, chosen.updates != 0)
+    return Built(parts, system, stages, protection, chosen.updates != 0)
 
 
 def _trigger_settings(scenario: Scenario) -> TriggerSettings:
@@ -108,3 +110,11 @@ def _trigger_settings(scenario: Scenario) -> TriggerSettings:
         given = {"noise": spec.noise.reward, **given}
     with scenario.document.at("trigger"):
         return read_trigger(spec.trigger.kind, given)
+
+
+def _protection(scenario: Scenario, space: HypothesisSpace, horizon: int) -> Protection | None:
+    spec = scenario.spec.shield
+    if spec is None:
+        return None
+    with scenario.document.at("shield"):
+        return Protection(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))

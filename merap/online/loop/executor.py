@@ -7,16 +7,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from merap.errors import InputError, MerapError
-from merap.mdp.model import Bools
-from merap.online.loop.messages import Analysis, Execution, Monitored, Plan, Sighting, Transition
-from merap.online.shield.shield import Shield
+from merap.mdp.model import Bools, Floats
+from merap.online.loop.messages import Analysis, Execution, Monitored, Plan
+from merap.online.loop.protection import Protection
 from merap.online.systems import ManagedSystem, Observation
 
-# Where the system is not seen, the shield must allow an action in every state as probable as this.
-PROBABLE = 0.01
 # An episode is given up after so many faults in a row.
 MAX_FAULTS = 3
 
@@ -26,50 +22,47 @@ class Executor:
 
     Args:
         system: under control.
-        shield: what is safe enough; None: everything.
+        protection: what is safe enough; None: everything.
     """
 
-    def __init__(self, system: ManagedSystem, shield: Shield | None) -> None:
+    def __init__(self, system: ManagedSystem, protection: Protection | None) -> None:
         self._system = system
-        self._shield = shield
+        self._protection = protection
         self._faults = 0
-        self._begun = False
 
     def reset(self) -> Execution:
         """Begin an episode."""
         self._faults = 0
-        self._begun = False
+        if self._protection is not None:
+            self._protection.begin()
         try:
             return Execution(None, self._sound(self._system.reset()))
         except MerapError as error:
             return Execution(None, None, str(error), over=True)
 
+    def observe(self, monitored: Monitored) -> None:
+        """What has arrived counts for what is safe."""
+        if self._protection is not None:
+            self._protection.observe(monitored)
+
+    def forget(self) -> None:
+        """The domain has changed."""
+        if self._protection is not None:
+            self._protection.forget()
+
     def allowed(self, monitored: Monitored, analysis: Analysis) -> Bools:
         """bool [A], what may be done now, never empty."""
-        if self._shield is None:
+        if self._protection is None:
             return monitored.enabled
-        self._shield.refresh()
-        self._follow(self._shield, monitored)
-        mask = monitored.enabled
-        for state in np.flatnonzero(analysis.whereabouts[:-1] >= PROBABLE):
-            both = mask & self._shield.allowed(int(state), monitored.enabled)
-            mask = both if both.any() else mask
-        return mask
+        return self._protection.allowed(monitored, analysis)
 
-    def _follow(self, shield: Shield, monitored: Monitored) -> None:
-        """Tell the shield what was seen; after a gap it begins anew."""
-        for news in monitored.news:
-            if isinstance(news, Transition) and self._begun:
-                shield.took(news.action, news.target)
-            elif not news.observation.last:
-                state = news.state if isinstance(news, Sighting) else news.target
-                shield.begin(state)
-                self._begun = True
+    def mask(self) -> Bools | None:
+        """bool [S, A], what may ever be done; None: everything."""
+        return None if self._protection is None else self._protection.mask
 
-    def end(self, monitored: Monitored) -> None:
-        """The episode is over."""
-        if self._shield is not None:
-            self._follow(self._shield, monitored)
+    def carried_out(self, table: Floats) -> Floats:
+        """A policy, float64 [S, A] or [T, S, A], as the shield lets it be carried out."""
+        return table if self._protection is None else self._protection.masked(table)
 
     def execute(self, plan: Plan) -> Execution:
         """Take the planned action; a guarded or a remote system may have taken another one."""

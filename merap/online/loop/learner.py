@@ -11,6 +11,7 @@ import numpy as np
 
 from merap.mdp.model import Bools
 from merap.online.loop.messages import AdaptedPolicy, Monitored, Transition
+from merap.online.shield.shielded_strategy import Restrictable
 from merap.online.strategy import Strategy
 
 StrategyMaker = Callable[[np.random.Generator], Strategy]
@@ -50,6 +51,11 @@ class Learner:
         self._policy = None
         self._updates = self._episodes = 0
         self._begun = self._observed = False
+
+    def restrict(self, mask: Bools) -> None:
+        """Plan with the actions bool [S, A] alone, if the strategy plans."""
+        if isinstance(self._strategy, Restrictable):
+            self._strategy.restrict(mask)
 
     def begin(self) -> None:
         """An episode begins."""

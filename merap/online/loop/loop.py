@@ -6,7 +6,9 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from merap.mdp.model import Floats, TabularMDP
+import numpy as np
+
+from merap.mdp.model import Bools, TabularMDP
 from merap.online.loop.analyzer import Analyzer
 from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
@@ -32,6 +34,9 @@ class Parts:
 class Loop:
     """Controls a managed system through its parts.
 
+    Attributes:
+        table: float64 [S, A] or [T, S, A], the policy that would act if learning stopped now.
+
     Args:
         parts: fresh ones.
         adapts: whether the policy is adapted before it is carried out.
@@ -41,9 +46,11 @@ class Loop:
         self._parts = parts
         self._episode = -1
         self._phase: Phase = "adapting"
-        parts.planner.adopt(parts.learner.policy().table)
+        self._mask: Bools | None = None
+        self._restrict()
+        self._adopt()
         if not adapts:
-            self._settle(parts.learner.policy().table)
+            self._settle()
 
     def episode(self) -> EpisodeLog:
         """One episode, whatever the system does."""
@@ -59,7 +66,6 @@ class Loop:
         monitored, analysis = self._take_in(parts.executor.reset())
         while not monitored.last:
             monitored, analysis = self._take_in(parts.executor.execute(self._plan(monitored, analysis)))
-        parts.executor.end(monitored)
         policy = self._learn(monitored)
         return EpisodeLog(
             episode=self._episode,
@@ -80,10 +86,13 @@ class Loop:
             parts.monitor.begin(execution) if execution.action is None else parts.monitor.observe(execution)
         )
         self._problems += [Problem(monitored.step, message) for message in monitored.problems]
+        parts.executor.observe(monitored)
         analysis = parts.analyzer.analyse(monitored)
         if analysis.replan:
             self._decide(monitored, "replan", analysis.reasons)
+            parts.executor.forget()
             parts.punctual.later(self._replan)
+        self._restrict()
         self._phase = analysis.phase
         if analysis.phase == "adapting":
             parts.punctual.later(lambda: parts.learner.observe(monitored))
@@ -91,7 +100,21 @@ class Loop:
 
     def _replan(self) -> None:
         self._parts.learner.replan()
-        self._parts.planner.adopt(self._parts.learner.policy().table)
+        self._mask = None
+        self._restrict()
+        self._adopt()
+
+    def _restrict(self) -> None:
+        """The learner plans within what the shield could allow."""
+        mask = self._parts.executor.mask()
+        if mask is not None and (self._mask is None or not np.array_equal(mask, self._mask)):
+            self._mask = mask
+            self._parts.punctual.later(lambda: self._parts.learner.restrict(mask))
+
+    def _adopt(self) -> None:
+        """From now on the policy is that of the learner, as the shield lets it be carried out."""
+        self.table = self._parts.executor.carried_out(self._parts.learner.policy().table)
+        self._parts.planner.adopt(self.table)
 
     def _plan(self, monitored: Monitored, analysis: Analysis) -> Plan:
         parts = self._parts
@@ -114,15 +137,15 @@ class Loop:
         if policy is None:
             return None
         self._decide(monitored, "update", policy.reasons)
-        parts.planner.adopt(policy.table)
+        self._adopt()
         if parts.analyzer.enough(policy):
             self._decide(monitored, "settled", parts.analyzer.explain())
-            self._settle(policy.table)
+            self._settle()
         return policy
 
-    def _settle(self, table: Floats) -> None:
+    def _settle(self) -> None:
         self._phase = "executing"
-        self._parts.analyzer.settle(table)
+        self._parts.analyzer.settle(self.table)
         self._model = self._parts.analyzer.tabular()
 
     def _decide(self, monitored: Monitored, kind: Kind, reasons: tuple[str, ...]) -> None:

@@ -74,7 +74,7 @@ def run_loop(
         seed=scenario.spec.seed,
         rows=tuple(rows),
         reactions=reactions(rows, [truth.stage for truth in built.truths]),
-        shield=None if built.shield is None else built.shield.report().as_dict(),
+        shield=None if built.protection is None else built.protection.as_dict(),
         seconds=tuple(seconds),
     )
     if memory is not None:
@@ -149,7 +149,7 @@ def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
 
 
 def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
-    before, stage = built.parts.learner.policy().table, built.system.stage
+    before, stage = loop.table, built.system.stage
     log = loop.episode()
     truth, tally = built.truths[built.system.stage], built.system.tally
     entered = None if built.system.stage == stage else truth.value(before)
@@ -163,7 +163,7 @@ def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
             discounted=tally.discounted,
             optimum=truth.reachable.optimum,
             discounted_optimum=truth.discounted_optimum,
-            expected=truth.value(built.parts.learner.policy().table),
+            expected=truth.value(loop.table),
             entered=entered,
             unsafe=tally.unsafe,
             completed=tally.completed,

@@ -72,7 +72,9 @@ class ShieldSpec(Spec):
     threshold: float = Field(
         default=0.0, ge=0, le=1, description="probability of ever reaching an unsafe state that is accepted"
     )
-    settings: dict[str, Any] = Field(default={}, description="further settings of the shield")
+    hazard_prior: float = Field(
+        default=0.0, ge=0, lt=1, description="probability of a location to be unsafe though nothing says so"
+    )
 
 
 class TriggerSpec(Spec):
