@@ -200,6 +200,14 @@ def test_a_request_is_sent_as_json() -> None:
     assert json.loads(body) == {"x": 1.0}
 
 
+def test_a_client_that_is_closed_asks_nothing() -> None:
+    client = UpisasClient(f"http://127.0.0.1:{free_port()}", 1)
+    client.close()
+    client.close()
+    with pytest.raises(InputError, match="is closed"):
+        client.monitor()
+
+
 def test_each_schema_is_asked_for_once() -> None:
     asked: list[str] = []
 

@@ -6,16 +6,14 @@ against the schema that the system serves for it. Proxies of the environment are
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from http import HTTPStatus
 from types import TracebackType
 from typing import Any, Self
 
-import anyio
 import httpx
-from anyio.from_thread import BlockingPortal, start_blocking_portal
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import SchemaError
 from referencing import Registry
@@ -23,6 +21,7 @@ from referencing.exceptions import Unresolvable
 
 from merap.errors import InputError
 from merap.online.managed.faults import FaultKind, SystemFault
+from merap.online.managed.loop_thread import LoopThread
 
 MAX_ANSWER = 16 * 1024 * 1024
 MAX_SHOWN = 200
@@ -54,6 +53,7 @@ class UpisasClient:
             raise InputError(f"a timeout is a positive number of seconds, not {timeout}")
         self.url = url.rstrip("/")
         self._timeout = timeout
+        self._closed = False
         self._validators: dict[str, Draft202012Validator] = {}
         self._client = httpx.AsyncClient(
             base_url=_checked(self.url),
@@ -61,9 +61,8 @@ class UpisasClient:
             trust_env=False,
             headers={"accept-encoding": "identity"},
         )
-        # A thread with an event loop of its own: only there a request can be given up at any moment.
-        self._running: AbstractContextManager[BlockingPortal] = start_blocking_portal()
-        self._portal = self._running.__enter__()
+        # Only in an event loop a request can be given up at any moment.
+        self._thread = LoopThread(f"client of {self.url}")
 
     def __enter__(self) -> Self:
         return self
@@ -74,9 +73,12 @@ class UpisasClient:
         self.close()
 
     def close(self) -> None:
-        """Hang up."""
-        self._portal.call(self._client.aclose)
-        self._running.__exit__(None, None, None)
+        """Hang up; nothing can be asked any more."""
+        if self._closed:
+            return
+        self._closed = True
+        self._thread.run(self._client.aclose())
+        self._thread.stop()
 
     def get(self, endpoint: str) -> Any:
         """JSON of an endpoint that has no schema, as a schema itself.
@@ -151,8 +153,10 @@ class UpisasClient:
         return content
 
     def _json(self, method: str, endpoint: str, content: Any) -> Any:
+        if self._closed:
+            raise InputError(f"the client of {self.url} is closed")
         request = f"{method} {endpoint}"
-        status, body = self._portal.call(self._answer, method, endpoint, content)
+        status, body = self._thread.run(self._answer(method, endpoint, content))
         if not HTTPStatus(200) <= status < HTTPStatus(300):
             raise self._fault(_kind_of_status(status), request, f"status {status}: {_message(body)}")
         try:
@@ -163,9 +167,11 @@ class UpisasClient:
     async def _answer(self, method: str, endpoint: str, content: Any) -> tuple[int, bytes]:
         request = f"{method} {endpoint}"
         try:
-            with anyio.fail_after(self._timeout):
-                async with self._client.stream(method, endpoint, json=content) as response:
-                    return response.status_code, await self._whole(request, response)
+            async with (
+                asyncio.timeout(self._timeout),
+                self._client.stream(method, endpoint, json=content) as response,
+            ):
+                return response.status_code, await self._whole(request, response)
         except TimeoutError as error:
             raise self._fault("timeout", request, f"no whole answer within {self._timeout:g} s") from error
         except httpx.HTTPError as error:
