@@ -113,7 +113,8 @@ def outcome_sets(found: Rows, sure: Bools, unsafe: Bools, num_actions: int) -> O
         unsafe: bool [S].
         num_actions: A.
     """
-    kept = found.taken(distinct(lambda: [found.codes])[0])
+    codes = found.codes
+    kept = found.taken(distinct(lambda: [codes])[0])
     kept = kept.taken(np.argsort(kept.choice, kind="stable"))
     choice, first = np.unique(kept.choice, return_index=True)
     return OutcomeSets(num_actions, choice, first, kept, sure.ravel()[choice], unsafe)
