@@ -8,8 +8,8 @@ false alarms, beside the paper's trigger.
 from __future__ import annotations
 
 import json
+import math
 import time
-from collections import defaultdict
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +22,16 @@ from rich.table import Table
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.experiments.trigger_curve import SOON, STEPS, Point, change_curve, window_curve
-from merap.experiments.trigger_delay import KINDS, Watched, World, change_delays, changes, unchanged, watch
+from merap.experiments.trigger_delay import (
+    KINDS,
+    Watched,
+    World,
+    change_delays,
+    changes,
+    unchanged,
+    watch,
+    wear,
+)
 from merap.experiments.trigger_streams import known
 from merap.experiments.trigger_worlds import WORLDS
 from merap.online.trigger.batch import count_alarms, window_rewards
@@ -38,6 +47,8 @@ EPISODES = {"costly": 30, "small": 30, "harmless": 200, "off the path": 200}
 # Streams without a change that the curves are made from.
 CURVE_STREAMS = 20
 WIDTH = 120
+# What slip becomes, from the 0.1 that is stated.
+SLIPS = (0.2, 0.3, 0.4, 0.5)
 LOG_THRESHOLDS = (5, 7, 9, 11, 13, 16.1, 19)
 MARGINS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 WINDOWS = {
@@ -91,6 +102,7 @@ class _Streams:
         self._quiet: list[Readings] = []
         self._costly: list[Watched] = []
         self._rows: list[dict[str, Any]] = []
+        self._worn: list[dict[str, Any]] = []
 
     def add(self, study: CaseStudy, generator: np.random.Generator) -> None:
         """Draw streams of a case."""
@@ -101,6 +113,10 @@ class _Streams:
             self._rows.append(_row(study, watched, self._world))
             if one.kind == "costly":
                 self._costly.append(watched)
+        for slip in SLIPS:
+            for one in wear(study, slip, self._combinations, self._world, generator):
+                watched = watch(one, self._world, self._seeds, EPISODES[one.kind], generator)
+                self._worn.append({"slip": slip, **_row(study, watched, self._world)})
 
     def figures(self) -> dict[str, Any]:
         """With the settings as they are."""
@@ -111,7 +127,8 @@ class _Streams:
                 [count_alarms(settings, readings) for readings in self._quiet]
             ),
             "kinds": {kind: _of_kind([row for row in rows if row["kind"] == kind]) for kind in KINDS},
-            "changes": rows,
+            "slip": {slip: _of_slip([row for row in self._worn if row["slip"] == slip]) for slip in SLIPS},
+            "changes": rows + self._worn,
         }
 
     def curves(self) -> dict[str, list[Point]]:
@@ -145,12 +162,17 @@ def _row(study: CaseStudy, watched: Watched, world: World) -> dict[str, Any]:
         "alarms before the change": int(np.isnan(delays).sum()),
         "alarms": len(seen),
         "soon": int((delays <= SOON).sum()),
-        "median delay": float(np.median(seen)) if len(seen) else None,
+        "median delay": _finite(float(np.nanmedian(delays))),
         "most": float(seen.max()) if len(seen) else None,
         "nats per episode": told,
         # evidence must reach the threshold, and no detector gathers more than what is told (Lorden 1971)
         "least mean delay": threshold / told if told > 0 else None,
     }
+
+
+def _finite(delay: float) -> float | None:
+    """None for a change that is not seen."""
+    return delay if math.isfinite(delay) else None
 
 
 def _without_change(alarms: list[int]) -> dict[str, Any]:
@@ -164,16 +186,31 @@ def _without_change(alarms: list[int]) -> dict[str, Any]:
 
 
 def _of_kind(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    totals: dict[str, int] = defaultdict(int)
-    for row in rows:
-        for name in ("streams", "alarms", "soon", "alarms before the change"):
-            totals[name] += row[name]
+    totals = {name: sum(row[name] for row in rows) for name in ("streams", "alarms", "soon")}
     return {
         "changes": len(rows),
         **totals,
+        "alarms before": sum(row["alarms before the change"] for row in rows),
         "part within 3 episodes": totals["soon"] / totals["streams"] if rows else None,
         "changes with 95 percent within 3": sum(row["soon"] >= 0.95 * row["streams"] for row in rows),
         "most": max((row["most"] for row in rows if row["most"] is not None), default=None),
+    }
+
+
+def _of_slip(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of changes to that slip, the ones that are costly."""
+    costly = [row for row in rows if row["kind"] == "costly"]
+    medians = [math.inf if row["median delay"] is None else row["median delay"] for row in costly]
+    return {
+        "changes": len(rows),
+        "costly": len(costly),
+        "least loss": min((row["loss"] for row in costly), default=None),
+        "most loss": max((row["loss"] for row in costly), default=None),
+        "median delay": _finite(float(np.median(medians))) if costly else None,
+        "least mean delay": float(np.median([row["least mean delay"] for row in costly])) if costly else None,
+        "part within 3 episodes": (
+            sum(row["soon"] for row in costly) / sum(row["streams"] for row in costly) if costly else None
+        ),
     }
 
 
@@ -197,21 +234,19 @@ def _show(figures: dict[str, Any]) -> None:
     for name, value in figures["without a change"].items():
         table.add_row(name, f"{value:,}")
     console.print(table)
-    columns = (
-        "changes",
-        "streams",
-        "alarms",
-        "part within 3 episodes",
-        "changes with 95 percent within 3",
-        "most",
-    )
-    table = Table("kind", *columns, title="with a change")
-    for kind, row in figures["kinds"].items():
-        table.add_row(kind, *(_text(row.get(name)) for name in columns))
-    console.print(table)
+    console.print(_table("with a change", "kind", figures["kinds"]))
+    console.print(_table("slip grows from 0.1", "slip", figures["slip"]))
     if "curves" in figures:
         console.print(_curve_table(figures["curves"]))
     console.print(f"{figures['seconds']:.0f} s")
+
+
+def _table(title: str, first: str, rows: dict[Any, dict[str, Any]]) -> Table:
+    columns = list(next(iter(rows.values())))
+    table = Table(first, *columns, title=title)
+    for name, row in rows.items():
+        table.add_row(str(name), *(_text(row[column]) for column in columns))
+    return table
 
 
 def _curve_table(curves: dict[str, list[dict[str, float]]]) -> Table:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -29,6 +31,7 @@ def step_by_step(trigger: Trigger, readings: Readings) -> int | None:
     release=st.floats(0.0, 0.95),
     deviations=st.floats(0.1, 4.0),
     longest=st.integers(1, 30),
+    tails=st.sampled_from(["gaussian", "symmetric"]),
 )
 def test_cumulated_sums_and_recursions_agree(
     seed: int,
@@ -38,6 +41,7 @@ def test_cumulated_sums_and_recursions_agree(
     release: float,
     deviations: float,
     longest: int,
+    tails: Literal["gaussian", "symmetric"],
 ) -> None:
     readings = random_readings(np.random.default_rng(seed), 150, level=level, drift=drift)
     detector = ChangeSettings(
@@ -46,6 +50,7 @@ def test_cumulated_sums_and_recursions_agree(
         release=release,
         deviations=deviations,
         longest=longest,
+        tails=tails,
         cooldown=0,
     )
     traced = trace(detector, readings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -80,6 +81,26 @@ def test_a_costly_change_is_seen_within_three_episodes(what: str) -> None:
     delays = change_delays(watch(change, WORLD, 20, 10, np.random.default_rng(2)), WORLD.settings)
     assert (delays <= 3).mean() >= 0.95
     assert np.nanmin(delays) >= 1
+
+
+@pytest.mark.parametrize(("tails", "seen"), [("gaussian", True), ("symmetric", False)])
+def test_a_goal_that_pays_less_shows_once_an_episode(
+    tails: Literal["gaussian", "symmetric"], seen: bool
+) -> None:
+    """5 instead of 10 is ten deviations of the noise; where any noise is possible it is half a nat."""
+    model = before().model
+    assert model.branch_reward is not None
+    less = replace(
+        model,
+        branch_reward=np.where(model.branch_reward == 10, 5.0, model.branch_reward),
+        choice_reward=np.where(model.choice_reward == 10, 5.0, model.choice_reward),
+    )
+    change = Change("", before(), model, less, effect(before(), less))
+    assert change.kind == "costly"
+    world = replace(WORLD, tails=tails)
+    delays = change_delays(watch(change, world, 20, 20, np.random.default_rng(7)), world.settings)
+    assert ((delays <= 3).mean() >= 0.95) == seen
+    assert np.isinf(delays).all() != seen
 
 
 def test_a_change_off_the_path_is_no_reason() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class World:
         real_slip: None: as stated.
         real_noise: None: Gaussian, as stated.
         lost: probability that a step is not seen.
+        tails: of the noise, as stated.
     """
 
     slip: float = 0.1
@@ -47,11 +49,12 @@ class World:
     real_slip: float | None = None
     real_noise: Noise | None = None
     lost: float = 0.0
+    tails: Literal["gaussian", "symmetric"] = "gaussian"
 
     @property
     def settings(self) -> ChangeSettings:
         """The detector's defaults, with the stated noise."""
-        return ChangeSettings(noise=self.noise)
+        return ChangeSettings(noise=self.noise, tails=self.tails)
 
     def model(self, combination: Combination) -> TabularMDP:
         """The combination as it really is."""
@@ -141,6 +144,25 @@ def _other(
         size = case.shape[concern]
         indices[concern] = (indices[concern] + int(generator.integers(1, size))) % size
     return case.combine(*indices)
+
+
+def wear(
+    case: CaseStudy, slip: float, count: int, world: World, generator: np.random.Generator
+) -> Iterator[Change]:
+    """Draw combinations, and let each of them slip more: a loss in small parts, all over the way.
+
+    Args:
+        case: the case.
+        slip: after the change.
+        count: how many.
+        world: what is stated, and there before the change.
+        generator: of what is drawn.
+    """
+    for combination in case.sample(count, generator):
+        before = known(combination, world.slip)
+        real = slipping_model(combination, slip)
+        name = f"{combination.name}, slip {slip}"
+        yield Change(name, before, world.model(combination), real, effect(before, real))
 
 
 def watch(change: Change, world: World, seeds: int, episodes: int, generator: np.random.Generator) -> Watched:

@@ -27,4 +27,7 @@ WORLDS = {
     "less slip": World(real_slip=0.05),
     "more slip": World(real_slip=0.15),
     "lost steps": World(lost=0.1),
+    "stated as symmetric": World(tails="symmetric"),
+    "symmetric, noise twice what is stated": World(real_noise=gaussian(NOISE * 2), tails="symmetric"),
+    "symmetric, heavy-tailed noise": World(real_noise=heavy_tailed, tails="symmetric"),
 }

@@ -42,9 +42,7 @@ class Trace:
 def trace(settings: ChangeSettings, readings: Readings) -> Trace:
     """The evidence of a stream, from its beginning."""
     residual = readings.reward - readings.expected_reward
-    steps = log_evidence(
-        readings.log_likelihood, readings.log_alternatives, residual / settings.noise, settings.max_evidence
-    )
+    steps = log_evidence(readings.log_likelihood, readings.log_alternatives, residual, settings)
     sums = _cumulated(steps)  # [M + 1, K]
     detectors = sums[1:] + np.logaddexp.accumulate(-sums[:-1], axis=0)
     least = np.minimum.accumulate(sums[:-1], axis=0)

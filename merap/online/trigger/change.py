@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from merap.mdp.model import Floats
-from merap.online.trigger.evidence import REWARD_DROPS, log_evidence
+from merap.online.trigger.evidence import log_evidence, num_kinds
 from merap.online.trigger.settings import ChangeSettings
 from merap.online.trigger.trigger import Alarm, Reading
 
@@ -105,7 +105,7 @@ class ChangeTrigger:
     def __init__(self, settings: ChangeSettings) -> None:
         self._settings = settings
         self._threshold = math.log(settings.steps_per_false_alarm)
-        self._kinds = len(settings.odds) + len(REWARD_DROPS)
+        self._kinds = num_kinds(settings)
         self._clock = 0
         self._used: deque[int] = deque()
         self._cooldown = 0
@@ -160,8 +160,8 @@ class ChangeTrigger:
         (evidence,) = log_evidence(
             np.array([reading.log_likelihood]),
             np.array([reading.log_alternatives]),
-            np.array([reading.reward - reading.expected_reward]) / self._settings.noise,
-            self._settings.max_evidence,
+            np.array([reading.reward - reading.expected_reward]),
+            self._settings,
         )
         self._detectors = evidence + np.logaddexp(0.0, self._detectors)
         for kind in np.flatnonzero(self._sums <= 0):

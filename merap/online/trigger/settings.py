@@ -33,6 +33,10 @@ class ChangeSettings(_Settings):
 
     kind: Literal["change"] = "change"
     noise: float = Field(default=0.1, gt=0, description="standard deviation of the noise on rewards")
+    tails: Literal["gaussian", "symmetric"] = Field(
+        default="gaussian",
+        description="of that noise; symmetric: any noise that is as often too high as too low, of any size",
+    )
     floor: float = Field(
         default=1e-5, gt=0, lt=1, description="probability that a step does what the model holds impossible"
     )
