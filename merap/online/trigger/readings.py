@@ -151,6 +151,20 @@ class Forecast:
             last=steps.last,
         )
 
+    def read_step(
+        self, time: int, state: int, action: int, target: int, reward: float, *, last: bool
+    ) -> Reading:
+        """Hold one step against the model; the arguments are those of `Steps`."""
+        steps = Steps(
+            time=np.array([time]),
+            state=np.array([state]),
+            action=np.array([action]),
+            target=np.array([target]),
+            reward=np.array([reward]),
+            last=np.array([last]),
+        )
+        return self.read(steps)[0]
+
     def _branches(self, choice: Ints, target: Ints) -> Ints:
         """int64 [M], the branch from each choice to its target; -1: the model has none."""
         key = choice * self._model.num_states + target

@@ -64,7 +64,7 @@ class ChangeSettings(_Settings):
         default=0.05, ge=0, description="of an episode's value, as a part of it, that is put up with"
     )
     deviations: float = Field(
-        default=3.0, gt=0, description="standard deviations by which the loss must exceed what is tolerated"
+        default=4.0, gt=0, description="standard deviations by which the loss must exceed what is tolerated"
     )
     longest: int = Field(
         default=200, ge=1, description="steps after which an episode is judged though it is not over"
