@@ -87,13 +87,13 @@ def test_a_costly_change_is_seen_within_three_episodes(what: str) -> None:
 def test_a_goal_that_pays_less_shows_once_an_episode(
     tails: Literal["gaussian", "symmetric"], seen: bool
 ) -> None:
-    """5 instead of 10 is ten deviations of the noise; where any noise is possible it is half a nat."""
+    """2 instead of 10 is 16 deviations of the noise; where any noise is possible it is half a nat."""
     model = before().model
     assert model.branch_reward is not None
     less = replace(
         model,
-        branch_reward=np.where(model.branch_reward == 10, 5.0, model.branch_reward),
-        choice_reward=np.where(model.choice_reward == 10, 5.0, model.choice_reward),
+        branch_reward=np.where(model.branch_reward == 10, 2.0, model.branch_reward),
+        choice_reward=np.where(model.choice_reward == 10, 2.0, model.choice_reward),
     )
     change = Change("", before(), model, less, effect(before(), less))
     assert change.kind == "costly"
