@@ -18,14 +18,15 @@ from merap.learning.checkpoint import (
     POLICY_FILE,
     TIMES_FILE,
     read_checkpoint,
-    read_metrics,
     read_policy,
     write_checkpoint,
     write_policy,
 )
+from merap.learning.layout import shaped
+from merap.learning.metrics import UpdateMetrics, read_metrics
 from merap.learning.run_folder import RunFolder, read_run
 from merap.learning.running import begin_run, tasks_of
-from merap.learning.training import UpdateMetrics, meta_policy
+from merap.learning.training import meta_policy
 from tests.trained_runs import SMALL, grid_case, trained, what_was_learned
 
 Tensors = dict[str, Tensor]
@@ -73,10 +74,11 @@ def test_the_state_is_that_of_the_end(finished: RunFolder) -> None:
     assert state.update == SMALL.updates == len(metrics)
     assert [row.update for row in metrics] == [1, 2, 3, 4, 5]
     policy = read_policy(finished, tasks_of(finished))
+    theta = shaped(state.theta, policy.network)
+    sizes = dict(zip(theta, state.log_step_sizes.exp(), strict=True))
     for name, value in policy.parameters.items():
-        assert torch.equal(value, state.parameters[name])
-        assert not value.requires_grad
-        assert torch.equal(policy.step_sizes[name], state.log_step_sizes[name].exp())
+        assert torch.equal(value, theta[name])
+        assert policy.step_sizes[name].item() == sizes[name].item()
     assert state.variance is not None
     assert torch.equal(policy.variance, state.variance)
     assert policy.network.layer_sizes == (82, 4, 5)  # 81 cells and the end; five actions
@@ -87,7 +89,7 @@ def test_a_run_that_has_not_begun_is_at_its_beginning(tmp_path: Path) -> None:
     run = begin_run(tmp_path / "run", grid_case(), SMALL)
     state, metrics = read_checkpoint(run, tasks_of(run))
     assert (state.update, state.variance, metrics) == (0, None, [])
-    assert all(value.item() == pytest.approx(math.log(0.5)) for value in state.log_step_sizes.values())
+    assert state.log_step_sizes.tolist() == pytest.approx([math.log(0.5)] * 4)
     assert "training has not ended" in refused(lambda: read_policy(run, tasks_of(run)))
 
 
@@ -97,7 +99,7 @@ def test_metrics_have_a_row_for_each_update_and_times_stand_apart(finished: RunF
     assert lines[0].split(",") == [name for name in names if name != "seconds"]
     assert len(lines) == 1 + SMALL.updates
     assert (finished.path / TIMES_FILE).read_text().splitlines()[0] == "update,seconds"
-    rows = read_metrics(finished)
+    rows = read_metrics(finished.path / METRICS_FILE, finished.path / TIMES_FILE)
     assert all(row.seconds > 0 and math.isfinite(row.adapted_return) for row in rows)
     # the first update goes at the full rate, the cosine falls from there
     assert rows[0].learning_rate == SMALL.learning_rate
@@ -138,10 +140,10 @@ def test_a_policy_without_a_part_is_refused(run: RunFolder, name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "parameter.layer0.bias",
-        "log_step_size.layer1.weight",
+        "theta",
+        "log_step_sizes",
         "optimizer.0.exp_avg",
-        "optimizer.7.step",
+        "optimizer.1.step",
         "generator",
         "update",
         "variance",

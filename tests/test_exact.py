@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from merap.learning.exact import exact_problem, expected_return, policy_gradient
+from merap.errors import InputError
+from merap.learning.core.values import hessian_product, values
+from merap.learning.exact import ExactProblem, Span, exact_problem, expected_return
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp import evaluation
 from merap.mdp.chain import induced_chain, write_induced_chain
@@ -92,6 +95,23 @@ def test_down_then_right_then_stop_earns_the_papers_optimum(goal: tuple[int, int
     assert found == pytest.approx(discounted, rel=1e-5)
 
 
+def policy_gradient(policy: Tensor, problem: ExactProblem) -> Tensor:
+    """dJ/dpi [N, S, A]."""
+    leaf = policy.detach().clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(expected_return(leaf, problem).sum(), leaf)
+    return gradient
+
+
+def hessian_times(policy: Tensor, direction: Tensor, problem: ExactProblem) -> Tensor:
+    """The Hessian of J times a direction [N, S, A]."""
+    table = policy.detach().numpy()
+    found = values(table, problem.tasks, problem.horizon)
+    return torch.from_numpy(hessian_product(table, found, direction.numpy(), problem.tasks))
+
+
+SPANS: list[Span] = ["horizon", "infinite"]
+
+
 def _central(function: Callable[[Tensor], Tensor], at: Tensor, direction: Tensor) -> Tensor:
     step = 1e-5
     return (function(at + step * direction) - function(at - step * direction)) / (2 * step)
@@ -101,12 +121,13 @@ def _relative_error(found: Tensor, expected: Tensor) -> float:
     return float((found - expected).norm() / expected.norm())
 
 
+@pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("tasks", BATCHES)
-def test_the_gradient_is_the_slope_of_the_return(tasks: Callable[[], TaskBatch]) -> None:
-    # the return is a polynomial in the policy, also off the simplex
+def test_the_gradient_is_the_slope_of_the_return(tasks: Callable[[], TaskBatch], span: Span) -> None:
+    # the return is a smooth function of the policy, also off the simplex
     made = tasks()
-    problem, policy = exact_problem(made), random_table(made.enabled, 1).requires_grad_()
-    gradient = policy_gradient(policy, problem).detach()
+    problem, policy = exact_problem(made, span=span), random_table(made.enabled, 1).requires_grad_()
+    gradient = policy_gradient(policy, problem)
     weights = torch.randn(made.num_tasks, generator=seeded(2), dtype=torch.float64)
     (backward,) = torch.autograd.grad(expected_return(policy, problem) @ weights, policy)
     assert _relative_error(backward, gradient * weights[:, None, None]) < 1e-12
@@ -128,15 +149,15 @@ def test_every_entry_of_the_gradient_is_a_slope() -> None:
     assert _relative_error(policy_gradient(policy, problem), expected) < 1e-6
 
 
+@pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("tasks", BATCHES)
-def test_the_hessian_product_is_the_slope_of_the_gradient(tasks: Callable[[], TaskBatch]) -> None:
+def test_the_hessian_product_is_the_slope_of_the_gradient(tasks: Callable[[], TaskBatch], span: Span) -> None:
     made = tasks()
-    problem, policy = exact_problem(made), random_table(made.enabled, 1).requires_grad_()
-    gradient = policy_gradient(policy, problem)
+    problem, policy = exact_problem(made, span=span), random_table(made.enabled, 1)
     for seed in range(5):
         direction = torch.randn(policy.shape, generator=seeded(seed), dtype=torch.float64) * made.enabled
-        (product,) = torch.autograd.grad(gradient, policy, direction, retain_graph=True)
-        slope = _central(lambda table: policy_gradient(table, problem), policy.detach(), direction)
+        product = hessian_times(policy, direction, problem)
+        slope = _central(lambda table: policy_gradient(table, problem), policy, direction)
         assert _relative_error(product, slope) < 1e-6
 
 
@@ -160,7 +181,7 @@ def test_derivatives_equal_those_of_the_unrolled_dense_recursion(discount: float
     direction = torch.randn(policy.shape, generator=seeded(1), dtype=torch.float64)
     (product,) = torch.autograd.grad(gradient, policy, direction)
     found = policy_gradient(policy, problem)
-    (found_product,) = torch.autograd.grad(found, policy, direction)
+    found_product = hessian_times(policy, direction, problem)
     torch.testing.assert_close(expected_return(policy, problem), dense, rtol=1e-12, atol=0)
     torch.testing.assert_close(found, gradient, rtol=1e-10, atol=1e-12)
     torch.testing.assert_close(found_product, product, rtol=1e-10, atol=1e-12)
@@ -173,13 +194,25 @@ def test_disabled_actions_and_unreachable_states_have_no_gradient() -> None:
     assert torch.count_nonzero(gradient[tasks.enabled]) > 100
 
 
-def test_values_in_blocks_equal_values_at_once() -> None:
-    """300 copies of the grid take several blocks of states; each equals the first."""
-    tasks = grid_batch(0.2)[torch.arange(2).repeat(150)]
-    policy = random_table(tasks.enabled[:2], 3).repeat(150, 1, 1)
-    gradient = policy_gradient(policy, exact_problem(tasks))
-    alone = policy_gradient(policy[:2], exact_problem(tasks[:2]))
-    torch.testing.assert_close(gradient, alone.repeat(150, 1, 1), rtol=1e-12, atol=1e-14)
+@pytest.mark.parametrize("discount", [0.5, 0.99])
+def test_the_infinite_span_is_that_of_the_linear_equations(discount: float) -> None:
+    """V = (1 - C)^-1 r with dense arrays, and the limit of ever longer horizons."""
+    tasks = ring_batch()
+    policy = random_table(tasks.enabled, 8)
+    found = expected_return(policy, exact_problem(tasks, discount, "infinite"))
+    arrives = torch.nn.functional.one_hot(tasks.next_state, tasks.num_states).to(tasks.dtype)
+    chain = discount * torch.einsum("nsa,nsak,nsakz->nsz", policy, tasks.survival, arrives)
+    gains = (policy * tasks.expected_reward).sum(dim=-1)
+    identity = torch.eye(tasks.num_states, dtype=tasks.dtype)
+    solved = torch.linalg.solve(identity - chain, gains)
+    torch.testing.assert_close(found, (tasks.initial * solved).sum(dim=-1), rtol=1e-10, atol=0)
+    long = expected_return(policy, exact_problem(replace(tasks, horizon=3000), discount))
+    torch.testing.assert_close(found, long, rtol=1e-10, atol=0)
+
+
+def test_an_infinite_span_needs_a_discount() -> None:
+    with pytest.raises(InputError, match="need a discount below 1, it is 1"):
+        exact_problem(ring_batch(), 1.0, "infinite")
 
 
 def test_single_precision_stays_single() -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
 from torch import Tensor
 
-from merap.learning.advantages import Baseline, advantages, baseline_values, discounted_sums
+from merap.learning.core import episodes as core
+from merap.learning.core.episodes import Baseline
 from merap.learning.exact import exact_problem, expected_return
-from merap.learning.gradient_step import StepRule, behaviour, expected_step, sampled_step, surrogate
+from merap.learning.gradient_step import StepRule, behaviour, sampled_step
 from merap.learning.policy import Parameters, explore, policy_table, stack_parameters
 from merap.learning.rollout import Episodes, rollout, sampler
 from merap.learning.tasks import TaskBatch
@@ -46,11 +47,25 @@ def _sampled(tasks: TaskBatch, parameters: Parameters, rule: StepRule, num_episo
     return rollout(acting, sampler(tasks), num_episodes, seeded(9))
 
 
+@dataclass(frozen=True)
+class Surrogate:
+    """The core's, as tensors."""
+
+    gradient: Tensor
+    scale: Tensor
+    variance: Tensor
+
+
+def surrogate(episodes: Episodes, blame: Tensor, rule: StepRule, variance: Tensor | None) -> Surrogate:
+    judgement = rule.judgement(variance)
+    found = core.surrogate(episodes.arrays, blame.numpy(), judgement, tuple(blame.shape))
+    return Surrogate(*map(torch.from_numpy, found))
+
+
 def _advantages(episodes: Episodes, num_states: int, rule: StepRule, task: int) -> Tensor:
     """[B, T], normalised over the active steps of one task."""
-    to_go = discounted_sums(episodes.reward, rule.discount)
-    values = baseline_values(episodes, to_go, num_states, rule.baseline, rule.ridge)
-    advantage = advantages(episodes, values, rule.discount, rule.gae_lambda)[task]
+    every = core.advantages(episodes.arrays, num_states, rule.judgement(None))
+    advantage = torch.from_numpy(every)[task]
     of_steps = advantage[episodes.active[task]]
     # 1e-3 is the least deviation
     deviation = (of_steps.var(correction=0) + 1e-6).sqrt()
@@ -85,7 +100,6 @@ def test_a_step_descends_the_written_out_loss(baseline: Baseline, gae_lambda: fl
         expected = value - sizes[name] * gradient
         torch.testing.assert_close(stepped.parameters[name], expected, rtol=1e-10, atol=1e-12)
         assert not stepped.parameters[name].requires_grad
-    assert stepped.episodes is episodes
 
 
 def test_a_step_on_other_tasks_changes_nothing() -> None:
@@ -210,32 +224,6 @@ def test_a_step_from_other_numbers_of_episodes_has_that_length() -> None:
     whole = sampled_step(network, parameters, sizes, tasks.enabled, episodes, plain, None)
     for name, value in parameters.items():
         torch.testing.assert_close(found.parameters[name] - value, 1.75 * (whole.parameters[name] - value))
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_an_expected_step_goes_where_the_sampled_one_goes(order: int) -> None:
-    """Its expectation and its noise add up to the step from its episodes."""
-    tasks, parameters, sizes = _setting()
-    network = smooth_network(tasks)
-    leaves = {name: value.clone().requires_grad_() for name, value in parameters.items()}
-    variance = torch.tensor(3.0, dtype=torch.float64)
-    rule = replace(RULE, variance_prior=10.0)
-    expected = expected_step(
-        network,
-        leaves,
-        sizes,
-        tasks.enabled,
-        exact_problem(tasks),
-        sampler(tasks),
-        rule,
-        variance,
-        seeded(3),
-        order,
-    )
-    sampled = sampled_step(network, parameters, sizes, tasks.enabled, expected.episodes, rule, variance)
-    for name, value in expected.parameters.items():
-        torch.testing.assert_close(value.detach(), sampled.parameters[name], rtol=1e-10, atol=1e-12)
-    torch.testing.assert_close(expected.variance, sampled.variance)
 
 
 def test_the_mean_of_sampled_gradients_is_the_gradient_of_the_return() -> None:

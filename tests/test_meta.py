@@ -1,280 +1,287 @@
-"""The outer objective: its value, and its gradient against finite differences."""
+"""The outer objective: its value, and its gradient against finite differences in double precision."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
-from merap.learning.config import TrainingConfig
-from merap.learning.exact import expected_return
-from merap.learning.gradient_step import StepRule, expected_step, surrogate
-from merap.learning.meta import Batch, Objective, batch, objective, step_rule
-from merap.learning.policy import Parameters, policy_table, stack_parameters
-from merap.learning.rollout import rollout
-from merap.mdp import evaluation
-from tests.learning_examples import (
-    RING_DISCOUNT,
-    RING_HORIZON,
-    random_parameters,
-    ring_batch,
-    ring_models,
-    seeded,
-    smooth_network,
-    with_end,
-)
+from merap.learning.config import Estimator, TrainingConfig
+from merap.learning.core.jit import Array
+from merap.learning.core.meta import Drawn, Seen, adapt_again
+from merap.learning.core.network import Activation, forward, pullback
+from merap.learning.core.softmax import through_softmax
+from merap.learning.core.values import values
+from merap.learning.exact import Span, exact_problem, expected_return
+from merap.learning.gradient_step import StepRule, sampled_step
+from merap.learning.layout import array_of, core_network, core_tasks, flat, per_entry, shaped
+from merap.learning.meta import Objective, OuterGradient, outer_objective, step_rule
+from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
+from merap.learning.rollout import drawn_episodes, rollout, sampler
+from merap.learning.tasks import TaskBatch
+from tests.learning_examples import RING_DISCOUNT, RING_HORIZON, random_parameters, ring_batch, seeded
 
 SEED = 17
 VARIANCE = torch.tensor(3.0, dtype=torch.float64)
+SIZES = np.exp(-1 + 0.2 * np.arange(4))
+Order = Literal[1, 2]
 
 
-def _config(inner_steps: int = 1, order: Literal[1, 2] = 2) -> TrainingConfig:
-    return TrainingConfig(inner_steps=inner_steps, order=order, episodes=12, activation="softplus")
-
-
-def _log_step_sizes(parameters: Parameters) -> Parameters:
-    """A different one for each: exp(-1), exp(-0.8), ..."""
-    return {
-        name: torch.full((1,) * value.dim(), -1 + 0.2 * number, dtype=torch.float64)
-        for number, (name, value) in enumerate(parameters.items())
-    }
-
-
-def _objective(
-    tasks: Batch, parameters: Parameters, log_step_sizes: Parameters, config: TrainingConfig
-) -> Objective:
-    network = smooth_network(tasks.tasks)
-    return objective(network, parameters, log_step_sizes, VARIANCE, tasks, config, seeded(SEED))
-
-
-def _gradients(
-    tasks: Batch, parameters: Parameters, log_step_sizes: Parameters, config: TrainingConfig
-) -> tuple[Tensor, ...]:
-    """Of the adapted return: parameters, then log step sizes."""
-    leaves, sizes = _leaves(parameters), _leaves(log_step_sizes)
-    found = _objective(tasks, leaves, sizes, config)
-    return torch.autograd.grad(found.adapted_return, [*leaves.values(), *sizes.values()])
-
-
-def _leaves(parameters: Parameters) -> Parameters:
-    return {name: value.detach().clone().requires_grad_() for name, value in parameters.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class FrozenStep:
-    """A step whose noise was drawn once: theta -> theta + alpha (scale dJ/dtheta - noise)."""
-
-    noise: Parameters
-    scale: Tensor
-
-
-def _values(tasks: Batch, parameters: Parameters) -> Tensor:
-    """J, [N], of parameters [N, ...]."""
-    table = policy_table(smooth_network(tasks.tasks), parameters, tasks.tasks.enabled)
-    return expected_return(table, tasks.problem)
-
-
-def _slopes(tasks: Batch, parameters: Parameters) -> Parameters:
-    """dJ/dtheta, [N, ...]."""
-    leaves = _leaves(parameters)
-    slopes = torch.autograd.grad(_values(tasks, leaves).sum(), list(leaves.values()))
-    return dict(zip(leaves, slopes, strict=True))
-
-
-def _per_task(scale: Tensor, value: Tensor) -> Tensor:
-    return scale.view(-1, *(1,) * (value.dim() - 1)) * value
-
-
-def _drawn(
-    tasks: Batch, parameters: Parameters, log_step_sizes: Parameters, config: TrainingConfig
-) -> list[FrozenStep]:
-    """The noise of every inner step, as the objective draws it."""
-    network, enabled = smooth_network(tasks.tasks), tasks.tasks.enabled
-    rule = step_rule(config, tasks.tasks.discount)
-    sizes = {name: value.exp() for name, value in log_step_sizes.items()}
-    adapted, generator, steps = stack_parameters(parameters, tasks.tasks.num_tasks), seeded(SEED), []
-    for _ in range(config.inner_steps):
-        stepped = expected_step(
-            network,
-            _leaves(adapted),
-            sizes,
-            enabled,
-            tasks.problem,
-            tasks.sampler,
-            rule,
-            VARIANCE,
-            generator,
-            1,
-        )
-        scale = surrogate(stepped.episodes, torch.ones(enabled.shape).double(), rule, VARIANCE).scale
-        slopes = _slopes(tasks, adapted)
-        moved = {name: value.detach() for name, value in stepped.parameters.items()}
-        noise = {
-            name: _per_task(scale, slopes[name]) - (moved[name] - value.detach()) / sizes[name]
-            for name, value in adapted.items()
-        }
-        steps.append(FrozenStep(noise, scale))
-        adapted = moved
-    return steps
-
-
-def _adapted(
-    tasks: Batch, parameters: Parameters, log_step_sizes: Parameters, steps: Sequence[FrozenStep]
-) -> Parameters:
-    """[N, ...] after steps with frozen noise."""
-    adapted = stack_parameters(parameters, tasks.tasks.num_tasks)
-    for step in steps:
-        slopes = _slopes(tasks, adapted)
-        adapted = {
-            name: value
-            + log_step_sizes[name].exp() * (_per_task(step.scale, slopes[name]) - step.noise[name])
-            for name, value in adapted.items()
-        }
-    return adapted
-
-
-def _finite_differences(
-    tasks: Batch, parameters: Parameters, log_step_sizes: Parameters, steps: Sequence[FrozenStep]
-) -> Tensor:
-    """Central differences of the adapted return in every parameter and log step size, [P]."""
-    whole = (parameters, log_step_sizes)
-    flat = torch.cat([value.flatten() for one in whole for value in one.values()])
-    sizes = [value.numel() for one in whole for value in one.values()]
-
-    def value(at: Tensor) -> float:
-        parts = iter(torch.split(at, sizes))
-        moved = [{name: next(parts).view_as(value) for name, value in one.items()} for one in whole]
-        return float(_values(tasks, _adapted(tasks, moved[0], moved[1], steps)).mean())
-
-    step = 1e-5
-    shifts = step * torch.eye(len(flat), dtype=torch.float64)
-    slopes = [(value(flat + shift) - value(flat - shift)) / (2 * step) for shift in shifts]
-    return torch.tensor(slopes, dtype=torch.float64)
-
-
-def _relative_error(found: Tensor, expected: Tensor) -> float:
-    return float((found - expected).norm() / expected.norm())
-
-
-@pytest.mark.parametrize("inner_steps", [1, 3])
-def test_the_meta_gradient_is_the_slope_at_frozen_noise(inner_steps: int) -> None:
-    """Through all inner steps, in parameters and step sizes; first order is no such gradient.
-
-    Episodes depend on the parameters in jumps, so their noise is held; `_drawn` takes it from
-    where the step went.
-    """
-    tasks = batch(ring_batch())
-    parameters = random_parameters(smooth_network(tasks.tasks), 0)
-    sizes = _log_step_sizes(parameters)
-    steps = _drawn(tasks, parameters, sizes, _config(inner_steps))
-    frozen = _values(tasks, _adapted(tasks, parameters, sizes, steps)).mean()
-    found = _objective(tasks, _leaves(parameters), sizes, _config(inner_steps)).adapted_return
-    assert found.item() == pytest.approx(frozen.item(), rel=1e-12)
-    slopes = _finite_differences(tasks, parameters, sizes, steps)
-    gradient, first_order = (
-        torch.cat([part.flatten() for part in _gradients(tasks, parameters, sizes, config)])
-        for config in (_config(inner_steps), _config(inner_steps, order=1))
+def _config(
+    estimator: Estimator = "exact",
+    inner_steps: int = 1,
+    order: Order = 2,
+    activation: Activation = "softplus",
+    span: Span = "horizon",
+) -> TrainingConfig:
+    return TrainingConfig(
+        estimator=estimator,
+        inner_steps=inner_steps,
+        order=order,
+        episodes=12,
+        hidden=(4,),
+        activation=activation,
+        span=span,
     )
-    assert _relative_error(gradient, slopes) < 1e-6
-    assert _relative_error(first_order, slopes) > 0.1
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Three tasks, a policy, and how it is adapted."""
+
+    config: TrainingConfig
+    tasks: TaskBatch
+    network: PolicyNetwork
+    theta: Array
+
+    def objective(self, log_sizes: Array | None = None) -> Objective:
+        return outer_objective(
+            core_tasks(self.tasks, self.tasks.discount),
+            core_network(self.network, torch.float64),
+            SIZES if log_sizes is None else np.exp(log_sizes),
+            step_rule(self.config, self.tasks.discount),
+            VARIANCE,
+            self.config,
+            self.tasks.horizon,
+        )
+
+    def drawn(self) -> tuple[OuterGradient, list[Drawn], Seen]:
+        return self.objective().draw_and_differentiate(
+            self.theta, self.config, self.tasks.horizon, seeded(SEED)
+        )
+
+    @property
+    def parameters(self) -> Parameters:
+        return shaped(torch.from_numpy(self.theta), self.network)
+
+
+def _setting(config: TrainingConfig) -> Setting:
+    tasks = ring_batch()
+    network = PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation)
+    return Setting(config, tasks, network, array_of(flat(random_parameters(network, 0))))
+
+
+def _slopes(value: Callable[[Array], float], at: Array) -> Array:
+    """Central differences in every entry."""
+    step = 1e-5
+    shifts = step * np.eye(len(at))
+    return np.array([(value(at + shift) - value(at - shift)) / (2 * step) for shift in shifts])
+
+
+def _relative_error(found: Array, expected: Array) -> float:
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+CASES = [
+    *product(("exact", "sampled"), (1, 3), ("softplus", "tanh"), ("horizon",)),
+    *product(("exact",), (1, 3), ("softplus",), ("infinite",)),
+]
+
+
+@pytest.mark.parametrize(("estimator", "inner_steps", "activation", "span"), CASES)
+def test_the_meta_gradient_is_the_slope_with_what_was_drawn_held(
+    estimator: Estimator, inner_steps: int, activation: Activation, span: Span
+) -> None:
+    """Second order, in theta and log alpha: episodes, their noise and old log-probabilities are fixed."""
+    setting = _setting(_config(estimator, inner_steps, activation=activation, span=span))
+    gradient, drawn, _ = setting.drawn()
+    in_theta = _slopes(lambda theta: setting.objective().judge(theta, drawn)[0], setting.theta)
+    in_sizes = _slopes(lambda log: setting.objective(log).judge(setting.theta, drawn)[0], np.log(SIZES))
+    assert _relative_error(gradient.theta, in_theta) < 1e-6
+    assert _relative_error(gradient.sizes, in_sizes) < 1e-6
+    again = setting.objective().differentiate_again(setting.theta, drawn)
+    np.testing.assert_allclose(again.theta, gradient.theta, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(again.sizes, gradient.sizes, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["exact", "sampled"])
+def test_repeated_gradients_are_slopes_elsewhere(estimator: Estimator) -> None:
+    """As outer_repeats takes them: away from where episodes were drawn, ratios are no longer 1."""
+    setting = _setting(_config(estimator, 2))
+    _, drawn, _ = setting.drawn()
+    elsewhere = setting.theta + 0.05 * np.random.default_rng(3).standard_normal(len(setting.theta))
+    found = setting.objective().differentiate_again(elsewhere, drawn)
+    slopes = _slopes(lambda theta: setting.objective().judge(theta, drawn)[0], elsewhere)
+    assert _relative_error(found.theta, slopes) < 1e-6
 
 
 @pytest.mark.parametrize("inner_steps", [1, 3])
-def test_first_order_is_the_outer_gradient_at_the_adapted_parameters(inner_steps: int) -> None:
-    tasks = batch(ring_batch())
-    parameters = random_parameters(smooth_network(tasks.tasks), 0)
-    sizes = _log_step_sizes(parameters)
-    steps = _drawn(tasks, parameters, sizes, _config(inner_steps))
-    adapted = _adapted(tasks, parameters, sizes, steps)
-    slopes = _slopes(tasks, adapted)
-    found = _gradients(tasks, parameters, sizes, _config(inner_steps, order=1))
-    start = stack_parameters(parameters, 3)
-    of_parameters = [slopes[name].mean(dim=0) for name in parameters]
-    # theta' = theta + alpha x, with x a constant: d/d log alpha = (theta' - theta) dJ/dtheta'
-    of_sizes = [
-        ((adapted[name] - start[name]) * slopes[name]).sum().view(sizes[name].shape) / 3 for name in sizes
+@pytest.mark.parametrize("estimator", ["exact", "sampled"])
+def test_first_order_is_the_outer_gradient_at_the_adapted_parameters(
+    estimator: Estimator, inner_steps: int
+) -> None:
+    """And no gradient of the adapted worth."""
+    setting = _setting(_config(estimator, inner_steps, order=1))
+    gradient, drawn, _ = setting.drawn()
+    (problem,) = setting.objective().problems
+    after = adapt_again(problem, setting.theta, drawn[0].losses).after
+    worth = drawn[0].worth
+    if worth is None:
+        worth = values(after.table, problem.tasks, problem.horizon).gradient
+    outer, _ = pullback(after.theta, problem.network, after.at, through_softmax(after.table, worth))
+    np.testing.assert_allclose(gradient.theta, outer.mean(axis=0), rtol=1e-10, atol=1e-12)
+    slopes = _slopes(lambda theta: setting.objective().judge(theta, drawn)[0], setting.theta)
+    assert _relative_error(gradient.theta, slopes) > 0.01
+
+
+@pytest.mark.parametrize("estimator", ["exact", "sampled"])
+def test_curvature_is_that_of_the_divergence(estimator: Estimator) -> None:
+    """KL(theta + h u) = h^2 u' F u / 2 + O(h^3); both signs of h cancel the odd term."""
+    setting = _setting(_config(estimator, 2))
+    _, drawn, _ = setting.drawn()
+    objective = setting.objective()
+    product_with = objective.curvature(setting.theta, drawn)
+    assert objective.judge(setting.theta, drawn)[1] == pytest.approx(0, abs=1e-12)
+    generator = np.random.default_rng(5)
+    for _ in range(5):
+        direction = generator.standard_normal(len(setting.theta))
+        step = 1e-4 * direction
+        both = sum(objective.judge(setting.theta + sign * step, drawn)[1] for sign in (1, -1))
+        assert direction @ product_with(direction) == pytest.approx(both / 1e-8, rel=1e-4)
+
+
+@pytest.mark.parametrize("estimator", ["exact", "sampled"])
+def test_an_inner_step_goes_where_the_online_step_goes(estimator: Estimator) -> None:
+    """Expectation and noise add up to the step from the same episodes (`gradient_step`)."""
+    setting = _setting(_config(estimator))
+    _, drawn, _ = setting.drawn()
+    (problem,) = setting.objective().problems
+    found = adapt_again(problem, setting.theta, drawn[0].losses).after.theta
+    rule = step_rule(setting.config, RING_DISCOUNT)
+    start = stack_parameters(setting.parameters, 3)
+    draws = torch.rand(
+        (3, drawn_rounds(setting), 12, RING_HORIZON + 1), generator=seeded(SEED), dtype=torch.float64
+    )
+    table = policy_table(setting.network, start, setting.tasks.enabled)
+    episodes = drawn_episodes(table, sampler(setting.tasks), draws[:, 0])
+    sizes = dict(zip(start, torch.from_numpy(SIZES), strict=True))
+    rule = StepRule(**{**vars(rule), "exploration": 0.0})
+    stepped = sampled_step(setting.network, start, sizes, setting.tasks.enabled, episodes, rule, VARIANCE)
+    np.testing.assert_allclose(found, array_of(flat(stepped.parameters)), rtol=1e-9, atol=1e-11)
+
+
+def drawn_rounds(setting: Setting) -> int:
+    """Episodes are drawn for every inner step; by the sampled estimator for the adapted policies too."""
+    return setting.config.inner_steps + (setting.config.estimator == "sampled")
+
+
+def test_without_noise_a_step_follows_the_gradient_of_the_exact_return() -> None:
+    setting = _setting(_config().model_copy(update={"sampling_noise": False}))
+    _, drawn, _ = setting.drawn()
+    (problem,) = setting.objective().problems
+    found = adapt_again(problem, setting.theta, drawn[0].losses).after.theta
+    leaves = {
+        name: value.clone().requires_grad_()
+        for name, value in stack_parameters(setting.parameters, 3).items()
+    }
+    table = policy_table(setting.network, leaves, setting.tasks.enabled)
+    returns = expected_return(table, exact_problem(setting.tasks))
+    slopes = flat(dict(zip(leaves, torch.autograd.grad(returns.sum(), list(leaves.values())), strict=True)))
+    scale = drawn[0].losses[0].scale
+    assert scale is not None
+    alpha = per_entry(SIZES, problem.network)
+    np.testing.assert_allclose(found, setting.theta + alpha * scale[:, 0] * array_of(slopes), rtol=1e-10)
+
+
+def test_what_is_seen_is_what_the_policies_earn() -> None:
+    setting = _setting(_config(inner_steps=2))
+    _, drawn, seen = setting.drawn()
+    start = stack_parameters(setting.parameters, 3)
+    table = policy_table(setting.network, start, setting.tasks.enabled)
+    problem = exact_problem(setting.tasks)
+    np.testing.assert_allclose(seen.meta_return, expected_return(table, problem), rtol=1e-12)
+    adapted = torch.from_numpy(drawn[0].old)
+    np.testing.assert_allclose(seen.adapted_return, expected_return(adapted, problem), rtol=1e-12)
+    assert setting.objective().judge(setting.theta, drawn)[0] == pytest.approx(seen.adapted_return.mean())
+
+
+def test_sampled_returns_are_those_of_the_episodes() -> None:
+    setting = _setting(_config("sampled"))
+    _, _, seen = setting.drawn()
+    start = stack_parameters(setting.parameters, 3)
+    draws = torch.rand((3, 2, 12, RING_HORIZON + 1), generator=seeded(SEED), dtype=torch.float64)
+    table = policy_table(setting.network, start, setting.tasks.enabled)
+    reward = drawn_episodes(table, sampler(setting.tasks), draws[:, 0]).reward
+    discounts = RING_DISCOUNT ** torch.arange(RING_HORIZON, dtype=torch.float64)
+    np.testing.assert_allclose(seen.meta_return, (reward @ discounts).mean(dim=1), rtol=1e-12)
+
+
+def test_entropy_and_its_gradient_are_those_over_the_steps_of_the_first_episodes() -> None:
+    setting = _setting(_config(inner_steps=3))
+    gradient, _, seen = setting.drawn()
+    leaves = {name: value.clone().requires_grad_() for name, value in setting.parameters.items()}
+    table = policy_table(setting.network, leaves, setting.tasks.enabled)
+    draws = torch.rand((3, 3, 12, RING_HORIZON + 1), generator=seeded(SEED), dtype=torch.float64)
+    episodes = drawn_episodes(table, sampler(setting.tasks), draws[:, 0])
+    entropies = -(table * table.clamp_min(1e-300).log()).sum(dim=-1)
+    of_tasks = [
+        entropies[n, episodes.state[n][episodes.active[n]]].mean() for n in range(setting.tasks.num_tasks)
     ]
-    for one, expected in zip(found, (*of_parameters, *of_sizes), strict=True):
-        torch.testing.assert_close(one, expected, rtol=1e-9, atol=1e-11)
-
-
-def test_the_meta_return_is_that_of_the_numpy_recursion() -> None:
-    tasks = batch(ring_batch())
-    network = smooth_network(tasks.tasks)
-    parameters = random_parameters(network, 0)
-    found = _objective(tasks, _leaves(parameters), _log_step_sizes(parameters), _config())
-    tables = policy_table(network, stack_parameters(parameters, 3), tasks.tasks.enabled)
-    expected = [
-        evaluation.expected_return(model, with_end(table, model), RING_HORIZON, RING_DISCOUNT)
-        for model, table in zip(ring_models(), tables, strict=True)
-    ]
-    assert found.meta_return.item() == pytest.approx(np.mean(expected), rel=1e-12)
-    assert not found.meta_return.requires_grad
-
-
-def test_the_entropy_is_that_over_the_steps_of_the_first_episodes() -> None:
-    tasks = batch(ring_batch())
-    network, enabled = smooth_network(tasks.tasks), tasks.tasks.enabled
-    parameters = random_parameters(network, 0)
-    found = _objective(tasks, _leaves(parameters), _log_step_sizes(parameters), _config(3))
-    table = policy_table(network, stack_parameters(parameters, 3), enabled)
-    episodes = rollout(table, tasks.sampler, _config().episodes, seeded(SEED))
-    entropies = torch.special.entr(table).sum(dim=-1)
-    task = torch.arange(3).view(-1, 1, 1).expand_as(episodes.state)
-    expected = entropies[task, episodes.state][episodes.active].mean()
-    torch.testing.assert_close(found.entropy, expected, rtol=1e-12, atol=0)
+    mean = torch.stack(of_tasks).mean()
+    assert seen.entropy.mean() == pytest.approx(mean.item(), rel=1e-12)
+    slopes = torch.autograd.grad(mean, list(leaves.values()))
+    np.testing.assert_allclose(
+        gradient.entropy, torch.cat([slope.flatten() for slope in slopes]), rtol=1e-9, atol=1e-12
+    )
 
 
 def test_the_entropy_of_the_uniform_policy() -> None:
     """The first step of the ring has 4 actions at location S or A: the entropy is log 4."""
-    tasks = batch(replace(ring_batch(), horizon=1))
-    zeros = {
-        name: torch.zeros_like(value)
-        for name, value in random_parameters(smooth_network(tasks.tasks), 0).items()
-    }
-    assert set(tasks.tasks.enabled[tasks.tasks.initial > 0].sum(dim=-1).tolist()) == {4}
-    found = _objective(tasks, _leaves(zeros), _log_step_sizes(zeros), _config())
-    assert found.entropy.item() == pytest.approx(math.log(4), rel=1e-12)
+    setting = _setting(_config())
+    tasks = replace(setting.tasks, horizon=1)
+    uniform = Setting(setting.config, tasks, setting.network, np.zeros_like(setting.theta))
+    assert set(tasks.enabled[tasks.initial > 0].sum(dim=-1).tolist()) == {4}
+    np.testing.assert_allclose(uniform.drawn()[2].entropy, math.log(4), rtol=1e-12)
 
 
-def test_the_variance_is_that_of_the_advantages_of_every_step() -> None:
-    tasks = batch(ring_batch())
-    parameters = random_parameters(smooth_network(tasks.tasks), 0)
-    sizes, config = _log_step_sizes(parameters), _config(2)
-    rule = step_rule(config, RING_DISCOUNT)
-    adapted, generator, seen = stack_parameters(parameters, 3), seeded(SEED), []
-    for _ in range(2):
-        stepped = expected_step(
-            smooth_network(tasks.tasks),
-            _leaves(adapted),
-            {name: value.exp() for name, value in sizes.items()},
-            tasks.tasks.enabled,
-            tasks.problem,
-            tasks.sampler,
-            rule,
-            VARIANCE,
-            generator,
-            1,
-        )
-        adapted = stepped.parameters
-        seen.append(stepped.variance)
-    found = _objective(tasks, _leaves(parameters), sizes, config)
-    torch.testing.assert_close(found.variance, torch.stack(seen).mean().detach())
+def test_ranges_and_threads_change_nothing_but_rounding() -> None:
+    """20 tasks are three ranges; each task's share is the same, and sums are in order."""
+    setting = _setting(_config())
+    many = Setting(setting.config, setting.tasks[torch.arange(20) % 3], setting.network, setting.theta)
+    objective = many.objective()
+    assert [len(problem.tasks.live) for problem in objective.problems] == [8, 8, 4]
+    before = torch.get_num_threads()
+    found = []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        found.append(many.drawn()[0])
+    torch.set_num_threads(before)
+    assert np.array_equal(found[0].theta, found[1].theta)
+    assert np.array_equal(found[0].sizes, found[1].sizes)
 
 
 def test_a_short_step_from_many_episodes_improves_the_return() -> None:
-    tasks = batch(ring_batch())
-    parameters = random_parameters(smooth_network(tasks.tasks), 0)
-    config = TrainingConfig(episodes=2_000, activation="softplus")
-    sizes = {name: value - 2 for name, value in _log_step_sizes(parameters).items()}
-    found = _objective(tasks, _leaves(parameters), sizes, config)
-    assert found.adapted_return.item() > found.meta_return.item() + 0.01
+    config = _config().model_copy(update={"episodes": 2_000})
+    setting = _setting(config)
+    objective = setting.objective(np.log(SIZES) - 2)
+    _, _, seen = objective.draw_and_differentiate(setting.theta, config, RING_HORIZON, seeded(SEED))
+    assert seen.adapted_return.mean() > seen.meta_return.mean() + 0.01
 
 
 def test_the_rule_holds_the_settings() -> None:
@@ -288,3 +295,12 @@ def test_the_rule_holds_the_settings() -> None:
         exploration=0.2,
     )
     assert step_rule(config, 0.8) == StepRule(0.8, 7, "time", 2.0, 0.5, 3.0, 4.0, 0.2)
+
+
+def test_signals_of_the_core_are_those_of_torch() -> None:
+    setting = _setting(_config())
+    found = forward(setting.theta, core_network(setting.network, torch.float64)).logits
+    every = torch.ones(setting.tasks.num_states, setting.tasks.num_actions, dtype=torch.bool)
+    table = policy_table(setting.network, setting.parameters, every)
+    np.testing.assert_allclose(torch.softmax(torch.from_numpy(found), dim=-1), table, rtol=1e-12)
+    assert rollout(table.expand(3, -1, -1) * setting.tasks.enabled, sampler(setting.tasks), 2, seeded(0))

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 import torch
 
+from merap.learning.core.network import Activation
 from merap.learning.policy import (
-    Activation,
     PolicyNetwork,
     action_logits,
     explore,
@@ -43,18 +43,16 @@ def test_logits_equal_those_of_torchs_own_layers(activation: Activation, hidden:
 
 
 def test_a_one_hot_observation_is_a_row_of_the_identity() -> None:
-    """The gather that stands for the product, its gradient, and chosen states."""
+    """The weight that stands for the product, and its gradient."""
     plain = PolicyNetwork(9, 4, (6,), "tanh")
     factored = PolicyNetwork(9, 4, (6,), "tanh", features=torch.eye(9, dtype=torch.float64))
     parameters = {name: value.requires_grad_() for name, value in random_parameters(plain, 1).items()}
-    for states in (None, torch.tensor([3, 3, 0, 8])):
-        gathered = action_logits(plain, parameters, states)
-        product = action_logits(factored, parameters, states)
-        torch.testing.assert_close(gathered, product, rtol=1e-12, atol=1e-12)
-        weight = torch.randn(gathered.shape, generator=seeded(2), dtype=torch.float64)
-        found = torch.autograd.grad(gathered, list(parameters.values()), weight)
-        expected = torch.autograd.grad(product, list(parameters.values()), weight)
-        torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+    gathered, product = action_logits(plain, parameters), action_logits(factored, parameters)
+    torch.testing.assert_close(gathered, product, rtol=1e-12, atol=1e-12)
+    weight = torch.randn(gathered.shape, generator=seeded(2), dtype=torch.float64)
+    found = torch.autograd.grad(gathered, list(parameters.values()), weight)
+    expected = torch.autograd.grad(product, list(parameters.values()), weight)
+    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_features_make_states_alike() -> None:
@@ -68,20 +66,15 @@ def test_features_make_states_alike() -> None:
     torch.testing.assert_close(logits, expected, rtol=1e-12, atol=1e-12)
     assert torch.equal(logits[0], logits[2])
     assert not torch.equal(logits[0], logits[1])
-    chosen = action_logits(network, parameters, torch.tensor([2, 1]))
-    torch.testing.assert_close(chosen, logits[[2, 1]], rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("features", [None, torch.eye(82, dtype=torch.float64)[:, :7]])
-@pytest.mark.parametrize("states", [None, torch.tensor([5, 0, 5])])
-def test_a_leading_axis_is_one_policy_per_task(
-    features: torch.Tensor | None, states: torch.Tensor | None
-) -> None:
+def test_a_leading_axis_is_one_policy_per_task(features: torch.Tensor | None) -> None:
     network = PolicyNetwork(82, 5, (6, 5), features=features)
     sets = [random_parameters(network, seed) for seed in range(3)]
     stacked = {name: torch.stack([one[name] for one in sets]) for name in sets[0]}
-    expected = torch.stack([action_logits(network, one, states) for one in sets])
-    torch.testing.assert_close(action_logits(network, stacked, states), expected, rtol=1e-12, atol=1e-12)
+    expected = torch.stack([action_logits(network, one) for one in sets])
+    torch.testing.assert_close(action_logits(network, stacked), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_stacked_copies_share_their_gradient() -> None:

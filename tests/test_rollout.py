@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from torch import Tensor
 
 from merap.learning.exact import exact_problem, expected_return
-from merap.learning.rollout import Episodes, rollout, sampler
+from merap.learning.rollout import Episodes, drawn_episodes, rollout, sampler
 from merap.learning.tasks import TaskBatch
 from merap.learning.threads import one_thread
 from tests.learning_examples import grid_batch, random_table, ring_batch, seeded
@@ -188,11 +188,18 @@ def test_the_horizon_cuts_episodes() -> None:
 
 
 def test_a_draw_of_exactly_zero_takes_no_impossible_branch() -> None:
-    """In half precision one draw in 2048 is 0, the lower bound of branches of probability 0 in front."""
-    tasks = replace(ring_batch(torch.float16), horizon=1)
-    policy = torch.zeros(tasks.enabled.shape, dtype=torch.float16)
+    """0 is the lower bound of the branches of probability 0 in front."""
+    tasks = replace(ring_batch(), horizon=1)
+    policy = torch.zeros(tasks.enabled.shape, dtype=torch.float64)
     policy[..., 5] = tasks.enabled[..., 5]  # `start_scan` is the last action
-    generator = seeded(0)
-    assert torch.count_nonzero(torch.rand(20_000, dtype=torch.float16, generator=generator) == 0) > 1
-    episodes = rollout(policy, sampler(tasks), 20_000, seeded(0))
+    episodes = drawn_episodes(policy, sampler(tasks), torch.zeros(3, 4, 2, dtype=torch.float64))
     assert torch.all(episodes.action == 5)
+
+
+def test_a_draw_just_below_one_takes_the_last_possible_branch() -> None:
+    tasks = replace(ring_batch(torch.float32), horizon=1)
+    policy = torch.zeros(tasks.enabled.shape)
+    policy[..., 0] = tasks.enabled[..., 0]
+    draws = torch.full((3, 4, 2), float(np.nextafter(np.float32(1), np.float32(0))))
+    episodes = drawn_episodes(policy, sampler(tasks), draws)
+    assert torch.all(episodes.action[episodes.active] == 0)

@@ -56,6 +56,7 @@ def test_a_finished_run_holds_what_the_module_says(finished: RunFolder) -> None:
         "checkpoint.safetensors",
         "metrics.csv",
         "times.csv",
+        "outcome.json",
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,8 @@ from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 
 if TYPE_CHECKING:
-    from merap.learning.training import UpdateMetrics
+    from merap.learning.metrics import UpdateMetrics
+    from merap.learning.training import Outcome
     from merap.online.adaptation import Adaptation, Spread
     from merap.online.shield.shielded_strategy import ShieldSettings
 
@@ -40,11 +41,16 @@ def train(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
     updates: Annotated[int | None, typer.Option(help="Outer updates.")] = None,
-    estimator: Annotated[str | None, typer.Option(help="exact: gradients through the known models.")] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(help="exact: gradients through the known models; sampled: the paper's Algorithm 1."),
+    ] = None,
+    outer_repeats: Annotated[int | None, typer.Option(help="Outer steps for each update.")] = None,
     config: Annotated[Path | None, typer.Option(help="A YAML file of settings.")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="key=value for any setting; may be repeated.")
     ] = None,
+    tensorboard: Annotated[bool, typer.Option(help="Also write metrics for TensorBoard.")] = False,
     resume: Annotated[bool, typer.Option(help="Go on with the run in this folder.")] = False,
 ) -> None:
     """Learn a meta policy over the model base of a case."""
@@ -52,7 +58,13 @@ def train(
     from merap.learning.run_folder import read_run
     from merap.learning.settings import read_config
 
-    given = {"seed": seed, "updates": updates, "estimator": estimator}
+    given = {
+        "seed": seed,
+        "updates": updates,
+        "estimator": estimator,
+        "outer_repeats": outer_repeats,
+        "tensorboard": tensorboard or None,
+    }
     if resume:
         if (
             case is not None
@@ -72,12 +84,25 @@ def train(
 
     def show(metrics: UpdateMetrics) -> None:
         seconds.append(metrics.seconds)
-        bar.update(job, completed=metrics.update, note=f"adapted return {metrics.adapted_return:.3f}")
+        note = f"{len(seconds) / sum(seconds):.0f}/s, adapted return {metrics.adapted_return:.3f}"
+        bar.update(job, completed=metrics.update, note=note)
 
     with job_bar() as bar:
         job = bar.add_task("Training", total=run.config.updates, note="")
-        running.train_run(run, show)
+        outcome = running.train_run(run, show).outcome
     say(f"{len(run.names)} tasks, {len(seconds)} updates in {sum(seconds):.1f} s; the run is in {run.path}")
+    warn(_remarks(outcome))
+
+
+def _remarks(outcome: Outcome) -> Iterator[str]:
+    """What is worth knowing of how training ended."""
+    if outcome.collapsed:
+        yield (
+            f"the adapted return has collapsed, from {number(outcome.best_score, 4)} to "
+            f"{number(outcome.last_score, 4)}; the policy of update {outcome.kept} is kept"
+        )
+    elif outcome.stopped:
+        yield f"the adapted return has reached a plateau; training stopped after update {outcome.updates}"
 
 
 def adapt(

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import torch
@@ -13,13 +10,15 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from merap.base.folder import write_bytes
+from merap.base.folder import write_bytes, write_file
 from merap.errors import InputError
 from merap.learning.meta import MetaPolicy, step_rule
+from merap.learning.metrics import COLUMNS, TIMES, UpdateMetrics, csv_text, read_metrics
 from merap.learning.policy import Parameters
+from merap.learning.progress import Progress
 from merap.learning.run_folder import RunFolder
 from merap.learning.tasks import TaskBatch
-from merap.learning.training import TrainingState, UpdateMetrics, initial_state, policy_network
+from merap.learning.training import Best, TrainingState, initial_state, policy_network
 
 POLICY_FILE = "policy.safetensors"
 CHECKPOINT_FILE = "checkpoint.safetensors"
@@ -27,11 +26,13 @@ METRICS_FILE = "metrics.csv"
 TIMES_FILE = "times.csv"
 _PARAMETER = "parameter."
 _STEP_SIZE = "step_size."
-_LOG_STEP_SIZE = "log_step_size."
+_THETA = "theta"
+_LOG_STEP_SIZES = "log_step_sizes"
 _OPTIMIZER = "optimizer."
 _VARIANCE = "variance"
 _GENERATOR = "generator"
 _UPDATE = "update"
+_BEST = "best."
 
 
 def write_policy(run: RunFolder, policy: MetaPolicy) -> None:
@@ -53,11 +54,12 @@ def read_policy(run: RunFolder, tasks: TaskBatch) -> MetaPolicy:
     path = run.path / POLICY_FILE
     tensors = _load(path, "training has not ended; go on with `merap train --resume`")
     network = policy_network(tasks, run.config)
-    fresh = initial_state(network, run.config)
+    parameters = {name: torch.zeros(shape) for name, shape in network.parameter_shapes.items()}
+    step_sizes = {name: torch.zeros((1,) * value.dim()) for name, value in parameters.items()}
     return MetaPolicy(
         network=network,
-        parameters=_taken(tensors, _PARAMETER, fresh.parameters, path),
-        step_sizes=_taken(tensors, _STEP_SIZE, fresh.log_step_sizes, path),
+        parameters=_taken(tensors, _PARAMETER, parameters, path),
+        step_sizes=_taken(tensors, _STEP_SIZE, step_sizes, path),
         variance=_taken(tensors, "", {_VARIANCE: torch.zeros(())}, path)[_VARIANCE],
         rule=step_rule(run.config, tasks.discount),
     )
@@ -71,16 +73,18 @@ def write_checkpoint(run: RunFolder, state: TrainingState, metrics: Sequence[Upd
         for name, value in entries.items()
     }
     tensors = {
-        **_prefixed(_PARAMETER, state.parameters),
-        **_prefixed(_LOG_STEP_SIZE, state.log_step_sizes),
+        _THETA: state.theta,
+        _LOG_STEP_SIZES: state.log_step_sizes,
         **optimizer,
         _GENERATOR: state.generator.get_state(),
         _UPDATE: torch.tensor(state.update),
     }
     if state.variance is not None:
         tensors[_VARIANCE] = state.variance
-    write_bytes(run.path / METRICS_FILE, _csv(metrics, leave_out="seconds"), force=True)
-    write_bytes(run.path / TIMES_FILE, _csv(metrics, only=("update", "seconds")), force=True)
+    if state.best is not None:
+        tensors |= _prefixed(_BEST, vars(state.best))
+    write_file(run.path / METRICS_FILE, csv_text(metrics, COLUMNS), force=True)
+    write_file(run.path / TIMES_FILE, csv_text(metrics, TIMES), force=True)
     # last, so that metrics are never behind it
     write_bytes(run.path / CHECKPOINT_FILE, save(tensors), force=True)
 
@@ -96,35 +100,43 @@ def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, li
     if not path.exists():
         return state, []
     tensors = _load(path, "is missing")
-    with torch.no_grad():
-        for prefix, leaves in ((_PARAMETER, state.parameters), (_LOG_STEP_SIZE, state.log_step_sizes)):
-            for name, value in _taken(tensors, prefix, leaves, path).items():
-                leaves[name].copy_(value)
-    counted = {_UPDATE: torch.tensor(0), _VARIANCE: torch.zeros(()), _GENERATOR: state.generator.get_state()}
-    found = _taken(tensors, "", counted, path)
+    like = {
+        _THETA: state.theta,
+        _LOG_STEP_SIZES: state.log_step_sizes,
+        _UPDATE: torch.tensor(0),
+        _VARIANCE: torch.zeros(()),
+        _GENERATOR: state.generator.get_state(),
+    }
+    found = _taken(tensors, "", like, path)
+    state.theta.copy_(found[_THETA])
+    state.log_step_sizes.copy_(found[_LOG_STEP_SIZES])
     state.update, state.variance = int(found[_UPDATE]), found[_VARIANCE]
     try:
         state.generator.set_state(found[_GENERATOR])
     except RuntimeError as error:
         raise InputError(f"{_GENERATOR} can't be used: {error}", source=str(path)) from error
-    state.optimizer.load_state_dict(
-        {
-            **state.optimizer.state_dict(),
-            "state": _optimizer_state(tensors, state, path),
-        }  # groups are of the config
-    )
-    metrics = read_metrics(run)
+    # groups are of the config
+    moments = {**state.optimizer.state_dict(), "state": _optimizer_state(tensors, state, path)}
+    state.optimizer.load_state_dict(moments)
+    metrics = read_metrics(run.path / METRICS_FILE, run.path / TIMES_FILE)
     if not 0 <= state.update <= len(metrics):
         raise InputError(
             f"has {len(metrics)} updates, the checkpoint is of update {state.update}",
             source=str(run.path / METRICS_FILE),
         )
-    return state, metrics[: state.update]
+    metrics = metrics[: state.update]
+    state.progress = Progress([row.adapted_return for row in metrics], run.config.least_gain)
+    if state.progress.best_update:
+        best = {name: like[name] for name in (_THETA, _LOG_STEP_SIZES, _VARIANCE)}
+        state.best = Best(**_taken(tensors, _BEST, best, path))
+    return state, metrics
 
 
 def _optimizer_state(tensors: Parameters, state: TrainingState, path: Path) -> dict[int, dict[str, Tensor]]:
-    """Adam's moments for each leaf, by its number."""
-    leaves = (*state.parameters.values(), *state.log_step_sizes.values())
+    """Adam's moments for each leaf, by its number; sgd has none."""
+    if not isinstance(state.optimizer, torch.optim.Adam):
+        return {}
+    leaves = [leaf for group in state.optimizer.param_groups for leaf in group["params"]]
     return {
         index: _taken(
             tensors,
@@ -134,45 +146,6 @@ def _optimizer_state(tensors: Parameters, state: TrainingState, path: Path) -> d
         )
         for index, leaf in enumerate(leaves)
     }
-
-
-def read_metrics(run: RunFolder) -> list[UpdateMetrics]:
-    """The metrics of every update up to the last checkpoint, and maybe of some after it.
-
-    Raises:
-        InputError: a file is missing or damaged.
-    """
-    rows = []
-    timed_rows = _rows(run.path / TIMES_FILE)
-    for row, timed in zip(_rows(run.path / METRICS_FILE), timed_rows, strict=False):
-        try:
-            values = {key: float(value) for key, value in {**row, **timed}.items()}
-            rows.append(UpdateMetrics(**{**values, "update": int(row["update"])}))  # type: ignore[arg-type]
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"row {len(rows) + 1} is damaged", source=str(run.path / METRICS_FILE)
-            ) from error
-    return rows
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            return list(csv.DictReader(stream))
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"can't be read: {error}", source=str(path)) from error
-
-
-def _csv(
-    metrics: Sequence[UpdateMetrics], *, leave_out: str | None = None, only: Sequence[str] | None = None
-) -> bytes:
-    names = [field.name for field in fields(UpdateMetrics) if field.name != leave_out]
-    columns = list(only) if only is not None else names
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([getattr(row, name) for name in columns] for row in metrics)
-    return stream.getvalue().encode()
 
 
 def _prefixed(prefix: str, tensors: Parameters) -> Parameters:

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from merap.learning.advantages import Baseline
-from merap.learning.policy import Activation
+from merap.learning.core.episodes import Baseline
+from merap.learning.core.network import Activation
+
+Estimator = Literal["exact", "sampled"]
+
+# Where the paper's Algorithm 1 as its authors ran it differs from the defaults of `exact`.
+SAMPLED_DEFAULTS: Mapping[str, Any] = {
+    "outer": "trpo",
+    "updates": 80,
+    "tasks_per_update": 10,
+    "step_size_learning_rate": 0.0,
+    "ridge": 1e-5,
+    "variance_prior": 0.0,
+    "noise_episodes": 0.0,
+    "entropy": 0.0,
+    "exploration": 0.0,
+}
 
 
 class TrainingConfig(BaseModel):
@@ -15,8 +31,10 @@ class TrainingConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    estimator: Literal["exact"] = Field(
-        default="exact", description="meta-gradients through the exact values of the known models"
+    estimator: Estimator = Field(
+        default="exact",
+        description="exact: meta-gradients through the values of the known models; sampled: the paper's "
+        "Algorithm 1, from episodes alone",
     )
     seed: int = Field(default=0, ge=0, le=2**63 - 1, description="of everything random")
     updates: int = Field(default=150, ge=1, description="outer updates (eq:meta-opt)")
@@ -31,18 +49,40 @@ class TrainingConfig(BaseModel):
         default=(32, 32), description="sizes of the policy's hidden layers"
     )
     activation: Activation = Field(default="relu", description="between the layers")
-    learning_rate: float = Field(default=1e-2, gt=0, description="beta, of Adam over the meta policy")
+    outer: Literal["adam", "sgd", "trpo"] = Field(default="adam", description="optimiser of the meta policy")
+    outer_repeats: int = Field(
+        default=1,
+        ge=1,
+        description="outer steps on what was drawn for one update (the paper's reading of RQ2)",
+    )
+    learning_rate: float = Field(default=1e-2, gt=0, description="beta, of adam and sgd over the meta policy")
     step_size_learning_rate: float = Field(
-        default=2e-2, ge=0, description="of Adam over step sizes; 0 keeps them"
+        default=2e-2, ge=0, description="of the inner step sizes; 0 keeps them"
     )
     final_learning_rate: float = Field(
         default=0.1, gt=0, le=1, description="both rates fall to this part of themselves along a cosine"
     )
-    max_gradient_norm: float = Field(default=10.0, gt=0, description="an outer gradient is cut to this norm")
-    inner_steps: int = Field(default=1, ge=1, description="gradient steps per model (eq:adap)")
+    max_gradient_norm: float = Field(
+        default=10.0, gt=0, description="an outer gradient is cut to this norm; not by trpo"
+    )
+    max_kl: float = Field(default=0.01, gt=0, description="trpo: bound on the divergence of a step, in nats")
+    cg_iterations: int = Field(default=10, ge=1, description="trpo: of the conjugate gradient method")
+    cg_damping: float = Field(default=1e-5, ge=0, description="trpo: added to the Fisher matrix's diagonal")
+    backtracks: int = Field(default=15, ge=1, description="trpo: lengths of a step that are tried")
+    backtrack_ratio: float = Field(
+        default=0.8, gt=0, lt=1, description="trpo: of one such length to the next"
+    )
+    inner_steps: int = Field(default=1, ge=1, description="chained gradient steps per model (eq:adap)")
     step_size: float = Field(default=0.5, gt=0, description="alpha, where the learned step sizes begin")
     order: Literal[1, 2] = Field(default=2, description="2: through the inner steps; 1: first-order MAML")
     episodes: int = Field(default=35, ge=1, description="K, episodes of an inner step")
+    sampling_noise: bool = Field(
+        default=True, description="exact: inner steps carry the sampling noise of K episodes"
+    )
+    span: Literal["horizon", "infinite"] = Field(
+        default="horizon",
+        description="exact: the return over the horizon, or the discounted one of episodes without end",
+    )
     baseline: Baseline = Field(default="linear", description="of the advantages")
     ridge: float = Field(default=1.0, gt=0, description="regularisation of the linear baseline")
     gae_lambda: float = Field(default=1.0, ge=0, le=1, description="of generalised advantage estimation")
@@ -68,3 +108,20 @@ class TrainingConfig(BaseModel):
     exploration: float = Field(
         default=0.1, ge=0, lt=1, description="uniform part of the policy that samples episodes online"
     )
+    patience: int = Field(
+        default=0, ge=0, description="stop when that many updates brought nothing; 0: never"
+    )
+    least_gain: float = Field(
+        default=1e-3,
+        ge=0,
+        lt=1,
+        description="what counts as a gain of the adapted return, in units of how far it has moved so far",
+    )
+    tensorboard: bool = Field(default=False, description="also write metrics for TensorBoard")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults_of_the_estimator(cls, settings: Any) -> Any:
+        if isinstance(settings, Mapping) and settings.get("estimator") == "sampled":
+            return {**SAMPLED_DEFAULTS, **settings}
+        return settings

@@ -1,4 +1,4 @@
-"""The exact expected return of a policy, differentiable (`eq:lossmdp`).
+"""The exact expected return of a policy on known models, differentiable by torch (`eq:lossmdp`).
 
 Axes: N tasks, S states, A actions.
 """
@@ -6,50 +6,60 @@ Axes: N tasks, S states, A actions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from merap.learning import recursion
+from merap.errors import InputError
+from merap.learning.core.task import Tasks
+from merap.learning.core.values import values
+from merap.learning.layout import array_of, core_tasks
 from merap.learning.tasks import TaskBatch
+
+Span = Literal["horizon", "infinite"]
 
 
 @dataclass(frozen=True, eq=False)
 class ExactProblem:
-    """A task batch laid out for the recursions.
+    """A task batch laid out for exact values.
 
     Attributes:
-        arrays: the tasks as one MDP.
-        num_tasks: N.
+        tasks: N of them.
+        horizon: T; 0: infinite.
     """
 
-    arrays: recursion.Problem
-    num_tasks: int
+    tasks: Tasks
+    horizon: int
 
 
-def exact_problem(tasks: TaskBatch, discount: float | None = None) -> ExactProblem:
-    """Lay out a task batch; `discount` replaces that of the tasks (1 for undiscounted returns)."""
+def exact_problem(tasks: TaskBatch, discount: float | None = None, span: Span = "horizon") -> ExactProblem:
+    """Lay out a task batch.
+
+    Args:
+        tasks: the batch.
+        discount: in place of that of the tasks (1 for undiscounted returns).
+        span: `horizon`: the return over the tasks' horizon; `infinite`: the discounted return of
+            an episode that is never cut.
+
+    Raises:
+        InputError: an infinite span without a discount.
+    """
     gamma = tasks.discount if discount is None else discount
-    first_state = torch.arange(tasks.num_tasks, dtype=torch.int32) * tasks.num_states
-    successor = (tasks.next_state.int() + first_state[:, None, None, None]).flatten(2).flatten(0, 1)
-    num_rows, num_branches = successor.shape
-    arrays = recursion.Problem(
-        weight=(gamma * tasks.survival).flatten(0, 1).numpy(),
-        reward=tasks.expected_reward.flatten(0, 1).numpy(),
-        successor=successor.numpy(),
-        row_pointers=np.arange(0, num_rows * num_branches + 1, num_branches, dtype=np.int32),
-        initial=tasks.initial.flatten().numpy(),
-        horizon=tasks.horizon,
-    )
-    return ExactProblem(arrays, tasks.num_tasks)
+    require_span(span, gamma)
+    return ExactProblem(core_tasks(tasks, gamma), tasks.horizon if span == "horizon" else 0)
+
+
+def require_span(span: Span, discount: float) -> None:
+    """Raises InputError if returns over that span may have no value."""
+    if span == "infinite" and not discount < 1:
+        raise InputError(f"values over an infinite horizon need a discount below 1, it is {discount:g}")
 
 
 def expected_return(policy: Tensor, problem: ExactProblem) -> Tensor:
-    """The exact expected return of a policy on each task; differentiable once in `policy`.
+    """The exact expected return of a policy on each task; differentiable once in `policy` by torch.
 
     Args:
         policy: float [N, S, A], a distribution over the enabled actions, 0 at the others.
@@ -62,64 +72,16 @@ def expected_return(policy: Tensor, problem: ExactProblem) -> Tensor:
     return result
 
 
-def policy_gradient(policy: Tensor, problem: ExactProblem) -> Tensor:
-    """dJ/dpi(s, a) of the expected return J on each task; differentiable once in `policy`.
-
-    Args:
-        policy: as in `expected_return`.
-        problem: the tasks.
-
-    Returns:
-        float [N, S, A]; 0 where an action is disabled.
-    """
-    result: Tensor = _Gradient.apply(policy, problem)  # type: ignore[no-untyped-call]
-    return result
-
-
 class _Return(Function):
     """J [N] of a policy [N, S, A]."""
 
     @staticmethod
     def forward(ctx: Any, policy: Tensor, problem: ExactProblem) -> Tensor:
-        evaluation = recursion.evaluate(_rows(policy), problem.arrays)
-        ctx.evaluation, ctx.problem = evaluation, problem
-        earned = (problem.arrays.initial * evaluation.values[-1]).reshape(problem.num_tasks, -1)
-        return torch.from_numpy(earned.sum(axis=1))
+        found = values(array_of(policy), problem.tasks, problem.horizon)
+        ctx.gradient = torch.from_numpy(found.gradient)
+        return torch.from_numpy(found.total)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, of_return: Tensor) -> tuple[Tensor, None]:
-        occupancy = recursion.occupancies(ctx.evaluation, ctx.problem.arrays)
-        gradient = recursion.gradient(ctx.evaluation, occupancy, ctx.problem.arrays)
-        return _tensor(gradient, ctx.problem) * of_return[:, None, None], None
-
-
-class _Gradient(Function):
-    """dJ/dpi of a policy, both [N, S, A]."""
-
-    @staticmethod
-    def forward(ctx: Any, policy: Tensor, problem: ExactProblem) -> Tensor:
-        evaluation = recursion.evaluate(_rows(policy), problem.arrays)
-        occupancy = recursion.occupancies(evaluation, problem.arrays)
-        ctx.evaluation, ctx.occupancy, ctx.problem = evaluation, occupancy, problem
-        return _tensor(recursion.gradient(evaluation, occupancy, problem.arrays), problem)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, of_gradient: Tensor) -> tuple[Tensor, None]:
-        """The Hessian of J is symmetric, so its product from the left is that from the right."""
-        product = recursion.hessian_product(
-            ctx.evaluation, ctx.occupancy, _rows(of_gradient), ctx.problem.arrays
-        )
-        return _tensor(product, ctx.problem), None
-
-
-def _rows(array: Tensor) -> recursion.Array:
-    """[N * S, A] of [N, S, A]."""
-    rows: recursion.Array = array.detach().flatten(0, 1).numpy()
-    return rows
-
-
-def _tensor(rows: recursion.Array, problem: ExactProblem) -> Tensor:
-    """[N, S, A] of [N * S, A]."""
-    return torch.from_numpy(rows).view(problem.num_tasks, -1, rows.shape[1])
+        return ctx.gradient * of_return[:, None, None], None

@@ -1,28 +1,34 @@
-"""The meta policy and its outer objective (`eq:mrl2`, `eq:meta-opt`).
+"""The meta policy, and its outer objective on a batch of tasks (`eq:mrl2`, `eq:meta-opt`).
 
-Axes: N tasks, S states, A actions.
+A batch is worked on in ranges of tasks, which threads share. The ranges depend on sizes alone, and their
+results are added up in order: what is learned does not depend on the number of threads.
+
+Axes: N tasks, S states, A actions, P parameters in one row, L layers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from merap.learning.config import TrainingConfig
-from merap.learning.exact import ExactProblem, exact_problem, expected_return
-from merap.learning.gradient_step import StepRule, expected_step
-from merap.learning.policy import (
-    Parameters,
-    PolicyNetwork,
-    action_logits,
-    log_policy,
-    policy_table,
-    stack_parameters,
-)
-from merap.learning.rollout import Episodes, Sampler, sampler
-from merap.learning.tasks import TaskBatch
+from merap.learning.core import meta as core
+from merap.learning.core.jit import Array
+from merap.learning.core.network import Network
+from merap.learning.core.task import Tasks
+from merap.learning.gradient_step import StepRule
+from merap.learning.layout import per_entry, per_parameter
+from merap.learning.policy import Parameters, PolicyNetwork
+from merap.learning.threads import on_threads
+
+# A range has at most so many tasks, and at most so many hidden units in all their states.
+_RANGE = 8
+_RANGE_NUMEL = 2**22
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,39 +51,6 @@ class MetaPolicy:
     rule: StepRule
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Tasks of one update in the layouts that it needs."""
-
-    tasks: TaskBatch
-    problem: ExactProblem
-    sampler: Sampler
-
-
-def batch(tasks: TaskBatch) -> Batch:
-    """Lay out tasks for an update."""
-    return Batch(tasks, exact_problem(tasks), sampler(tasks))
-
-
-@dataclass(frozen=True, eq=False)
-class Objective:
-    """The outer objective on a batch.
-
-    Attributes:
-        adapted_return: float [], mean expected discounted return of the adapted policies;
-            differentiable.
-        meta_return: float [], that of the meta policy itself.
-        entropy: float [], mean entropy of the meta policy over the steps of its episodes;
-            differentiable.
-        variance: float [], mean of the advantages' variance.
-    """
-
-    adapted_return: Tensor
-    meta_return: Tensor
-    entropy: Tensor
-    variance: Tensor
-
-
 def step_rule(config: TrainingConfig, discount: float) -> StepRule:
     """The rule that a configuration describes."""
     return StepRule(
@@ -92,57 +65,130 @@ def step_rule(config: TrainingConfig, discount: float) -> StepRule:
     )
 
 
-def objective(
-    network: PolicyNetwork,
-    parameters: Parameters,
-    log_step_sizes: Parameters,
+@dataclass(frozen=True, eq=False)
+class OuterGradient:
+    """Means over the tasks of a batch.
+
+    Attributes:
+        theta: float [P], gradient of what the adapted policies are worth, in theta.
+        sizes: float [2 L], likewise, in the log alpha of each weight and bias.
+        entropy: float [P], gradient of the meta policy's entropy over the steps of its episodes.
+    """
+
+    theta: Array
+    sizes: Array
+    entropy: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """What adapted policies are worth, as a function of theta.
+
+    Attributes:
+        problems: the same for every range of tasks.
+    """
+
+    problems: tuple[core.Problem, ...]
+
+    @property
+    def num_tasks(self) -> int:
+        """N."""
+        return sum(len(problem.tasks.live) for problem in self.problems)
+
+    def draw_and_differentiate(
+        self, theta: Array, config: TrainingConfig, horizon: int, generator: torch.Generator
+    ) -> tuple[OuterGradient, list[core.Drawn], core.Seen]:
+        """Adapt to every task by inner steps, and differentiate what that is worth (Finn et al. 2017).
+
+        Args:
+            theta: float [P], the meta policy.
+            config: inner steps and episodes.
+            horizon: of the episodes.
+            generator: of the episodes.
+
+        Returns:
+            The gradient, what was drawn for each range, and what was seen of each task.
+        """
+        rounds = config.inner_steps + (config.estimator == "sampled")
+        shape = (self.num_tasks, rounds, config.episodes, horizon + 1)
+        dtype = torch.float64 if theta.itemsize == 8 else torch.float32
+        draws = torch.rand(shape, generator=generator, dtype=dtype).numpy()
+        ends = np.cumsum([len(problem.tasks.live) for problem in self.problems])
+        found = on_threads(
+            [
+                partial(core.draw_and_differentiate, problem, theta, part)
+                for problem, part in zip(self.problems, np.split(draws, ends[:-1]), strict=True)
+            ]
+        )
+        gradients, drawn, seen = zip(*found, strict=True)
+        whole = core.Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
+        return self._mean(gradients), list(drawn), whole
+
+    def differentiate_again(self, theta: Array, drawn: Sequence[core.Drawn]) -> OuterGradient:
+        """The gradient at other parameters with what was drawn before; the entropy's is 0."""
+        pairs = zip(self.problems, drawn, strict=True)
+        return self._mean(
+            on_threads([partial(core.differentiate_again, problem, theta, mine) for problem, mine in pairs])
+        )
+
+    def judge(self, theta: Array, drawn: Sequence[core.Drawn]) -> tuple[float, float]:
+        """What the policies adapted from theta are worth, and their divergence from those drawn, in nats."""
+        pairs = zip(self.problems, drawn, strict=True)
+        found = on_threads([partial(core.judge, problem, theta, mine) for problem, mine in pairs])
+        worth, divergence = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return float(worth.mean()), float(divergence.mean())
+
+    def curvature(self, theta: Array, drawn: Sequence[core.Drawn]) -> Callable[[Array], Array]:
+        """The Hessian of the divergence at theta, as a function of the direction [P] it is applied to."""
+        triples = [
+            (problem, core.adapt_again(problem, theta, mine.losses), mine.visits)
+            for problem, mine in zip(self.problems, drawn, strict=True)
+        ]
+
+        def product(direction: Array) -> Array:
+            parts = on_threads([partial(core.fisher_product, *triple, direction) for triple in triples])
+            total: Array = np.sum(parts, axis=0) / self.num_tasks
+            return total
+
+        return product
+
+    def _mean(self, parts: Sequence[core.Gradient]) -> OuterGradient:
+        theta, sizes, entropy = (np.sum(arrays, axis=0) for arrays in zip(*parts, strict=True))
+        of_sizes = per_parameter(sizes, self.problems[0].network)
+        return OuterGradient(theta / self.num_tasks, of_sizes / self.num_tasks, entropy / self.num_tasks)
+
+
+def outer_objective(
+    tasks: Tasks,
+    network: Network,
+    step_sizes: Array,
+    rule: StepRule,
     variance: Tensor | None,
-    tasks: Batch,
     config: TrainingConfig,
-    generator: torch.Generator,
+    horizon: int,
 ) -> Objective:
-    """Adapt to every task by inner steps and evaluate exactly (Finn et al. 2017, algorithm 3).
+    """The objective on tasks.
 
     Args:
-        network: the policy's shape.
-        parameters: theta, the meta policy.
-        log_step_sizes: log alpha for each of them.
+        tasks: N of them.
+        network: the policies' shape.
+        step_sizes: float [2 L], alpha for each weight and bias.
+        rule: how episodes become a step.
         variance: float [], of the advantages so far; None at the first update.
-        tasks: a batch.
-        config: inner steps, order, and the rule.
-        generator: of the episodes whose noise the inner steps carry.
+        config: estimator, inner steps, order, span.
+        horizon: T.
     """
-    rule = step_rule(config, tasks.tasks.discount)
-    enabled = tasks.tasks.enabled
-    step_sizes = {name: value.exp() for name, value in log_step_sizes.items()}
-    adapted = stack_parameters(parameters, tasks.tasks.num_tasks)
-    with torch.no_grad():
-        before = expected_return(policy_table(network, adapted, enabled), tasks.problem).mean()
-    seen, episodes = [], None
-    for _ in range(config.inner_steps):
-        stepped = expected_step(
-            network,
-            adapted,
-            step_sizes,
-            enabled,
-            tasks.problem,
-            tasks.sampler,
-            rule,
-            variance,
-            generator,
-            config.order,
-        )
-        adapted = stepped.parameters
-        seen.append(stepped.variance.mean())
-        episodes = stepped.episodes if episodes is None else episodes
-    assert episodes is not None
-    after = expected_return(policy_table(network, adapted, enabled), tasks.problem).mean()
-    entropy = _entropy(network, parameters, enabled, episodes)
-    return Objective(after, before, entropy, torch.stack(seen).mean())
-
-
-def _entropy(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, episodes: Episodes) -> Tensor:
-    log_probs = log_policy(action_logits(network, parameters), enabled)
-    of_states = -(log_probs.exp() * log_probs * enabled).sum(dim=-1)
-    of_steps = of_states.gather(1, episodes.state.flatten(1)) * episodes.active.flatten(1)
-    return of_steps.sum() / episodes.active.sum()
+    whole = core.Problem(
+        tasks=tasks,
+        network=network,
+        step_sizes=per_entry(step_sizes, network),
+        judgement=rule.judgement(variance),
+        horizon=horizon if config.span == "horizon" else 0,
+        order=config.order,
+        exact=config.estimator == "exact",
+        noise=config.sampling_noise,
+    )
+    num_tasks, num_states, _ = tasks.enabled.shape
+    size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
+    starts = range(0, num_tasks, size)
+    return Objective(tuple(whole._replace(tasks=tasks.some(slice(start, start + size))) for start in starts))

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
+from merap.learning.metrics import UpdateMetrics
 from merap.learning.observation import VariableKind
 from merap.learning.tasks import task_batch
-from merap.learning.threads import one_thread
-from merap.learning.training import UpdateMetrics, train
+from merap.learning.training import train
 from merap.mdp.model import TabularMDP
 
 
@@ -38,5 +38,4 @@ def train_models(
         ModelError: there is no model, or one has other states or actions than the first.
     """
     tasks = task_batch(models, horizon, discount, kinds=kinds)
-    with one_thread():
-        return train(tasks, config or TrainingConfig(), on_update)
+    return train(tasks, config or TrainingConfig(), on_update)

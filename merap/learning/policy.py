@@ -12,16 +12,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import torch
 from torch import Tensor
 
-Parameters = dict[str, Tensor]
-Activation = Literal["relu", "tanh", "softplus"]
+from merap.learning.core.network import Activation
 
-# Finite, because 0 * inf is NaN in the backward pass; exp of it is 0 next to any logit.
+Parameters = dict[str, Tensor]
+
+# Finite, because 0 * inf is NaN in a backward pass; exp of it is 0 next to any logit.
 _DISABLED_LOGIT = -1e9
+
 
 _ACTIVATIONS: Mapping[Activation, Callable[[Tensor], Tensor]] = {
     "relu": torch.relu,
@@ -58,6 +59,20 @@ class PolicyNetwork:
         observed = self.num_states if self.features is None else self.features.shape[1]
         return (observed, *self.hidden, self.num_actions)
 
+    @property
+    def parameter_shapes(self) -> dict[str, tuple[int, ...]]:
+        """By name: `layer<i>.weight` [inputs, outputs], then `layer<i>.bias` [outputs]."""
+        shapes: dict[str, tuple[int, ...]] = {}
+        for layer, (inputs, outputs) in enumerate(pairwise(self.layer_sizes)):
+            shapes[f"layer{layer}.weight"] = (inputs, outputs)
+            shapes[f"layer{layer}.bias"] = (outputs,)
+        return shapes
+
+    @property
+    def num_layers(self) -> int:
+        """Hidden layers and the last one."""
+        return len(self.hidden) + 1
+
 
 def initial_parameters(
     network: PolicyNetwork, generator: torch.Generator, dtype: torch.dtype = torch.float32
@@ -77,33 +92,25 @@ def initial_parameters(
     return parameters
 
 
-def action_logits(network: PolicyNetwork, parameters: Parameters, states: Tensor | None = None) -> Tensor:
-    """Logits of all actions, of disabled ones too.
+def action_logits(network: PolicyNetwork, parameters: Parameters) -> Tensor:
+    """Logits of all actions in every state, of disabled ones too; differentiable by torch.
 
     Args:
         network: the policy's shape.
         parameters: as `initial_parameters` makes them, maybe with a leading axis N.
-        states: int64 [M], the states to evaluate; None for all of them in order.
 
     Returns:
-        float [..., M, A], `...` the leading axes of the parameters.
+        float [..., S, A], `...` the leading axes of the parameters.
     """
     activate = _ACTIVATIONS[network.activation]
-    signal = _first_layer(network, parameters, states)
-    for layer in range(1, len(network.layer_sizes) - 1):
+    # a one-hot observation times the weight is a row of the weight
+    weight = parameters["layer0.weight"]
+    signal = weight if network.features is None else network.features @ weight
+    signal = signal + parameters["layer0.bias"].unsqueeze(-2)
+    for layer in range(1, network.num_layers):
         signal = activate(signal) @ parameters[f"layer{layer}.weight"]
         signal = signal + parameters[f"layer{layer}.bias"].unsqueeze(-2)
     return signal
-
-
-def _first_layer(network: PolicyNetwork, parameters: Parameters, states: Tensor | None) -> Tensor:
-    """A one-hot observation times the weight is a row of the weight."""
-    weight = parameters["layer0.weight"]
-    if network.features is None:
-        signal = weight if states is None else weight.index_select(-2, states)
-    else:
-        signal = (network.features if states is None else network.features[states]) @ weight
-    return signal + parameters["layer0.bias"].unsqueeze(-2)
 
 
 def log_policy(logits: Tensor, enabled: Tensor) -> Tensor:

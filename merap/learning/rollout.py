@@ -1,6 +1,6 @@
-"""Sampling episodes of many tasks at once by gathers on their arrays.
+"""Sampling episodes of many tasks at once on their arrays.
 
-Axes: N tasks, B episodes, T steps, S states, A actions, K successors.
+Axes: N tasks, B episodes, T steps, S states, A actions.
 """
 
 from __future__ import annotations
@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from merap.learning.core import episodes as core
+from merap.learning.core.task import Tasks
+from merap.learning.layout import array_of, core_tasks
 from merap.learning.tasks import TaskBatch
 
 
@@ -40,48 +43,33 @@ class Episodes:
         """float [N, B], undiscounted."""
         return self.reward.sum(dim=-1)
 
+    @property
+    def arrays(self) -> core.Episodes:
+        """As the compiled core reads them."""
+        parts = (self.state, self.action, self.reward, self.active)
+        return core.Episodes(*(part.contiguous().numpy() for part in parts))
+
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """A task batch laid out for sampling: the states of all tasks in one row of N * S.
+    """A task batch laid out for sampling.
 
     Attributes:
-        next_state: int64 [N * S * M], an index into N * S, with M = A K branches per state.
-        reward: float [N * S * M].
-        prob: float [N, S, A, K].
-        live: bool [N * S], some action is enabled.
-        initial: float [N, S], cumulated over S.
-        num_successors: K.
+        tasks: N of them.
         horizon: T.
     """
 
-    next_state: Tensor
-    reward: Tensor
-    prob: Tensor
-    live: Tensor
-    initial: Tensor
-    num_successors: int
+    tasks: Tasks
     horizon: int
 
 
 def sampler(tasks: TaskBatch) -> Sampler:
     """Lay out a task batch."""
-    first_state = torch.arange(tasks.num_tasks) * tasks.num_states
-    return Sampler(
-        next_state=(tasks.next_state + first_state[:, None, None, None]).flatten(),
-        reward=tasks.reward.flatten(),
-        prob=tasks.prob,
-        live=tasks.enabled.any(dim=-1).flatten(),
-        initial=_cumulated(tasks.initial),
-        num_successors=tasks.num_successors,
-        horizon=tasks.horizon,
-    )
+    return Sampler(core_tasks(tasks, tasks.discount), tasks.horizon)
 
 
 def rollout(policy: Tensor, tasks: Sampler, num_episodes: int, generator: torch.Generator) -> Episodes:
     """Sample episodes of every task with a policy.
-
-    Action and successor are one draw, from the product of both distributions.
 
     Args:
         policy: float [N, S, A], a distribution over the enabled actions, 0 at the others.
@@ -89,43 +77,17 @@ def rollout(policy: Tensor, tasks: Sampler, num_episodes: int, generator: torch.
         num_episodes: B.
         generator: source of randomness.
     """
-    # The last branch needs no bound; a row without an enabled action takes it and stays in the state.
-    bounds = _cumulated((policy.detach().unsqueeze(-1) * tasks.prob).flatten(2))[..., :-1].flatten(0, 1)
-    num_branches = bounds.shape[1] + 1
-    draws = torch.rand(tasks.horizon + 1, len(policy), num_episodes, generator=generator, dtype=policy.dtype)
-    state = _initial_states(tasks, draws[0])
-    visited, taken = [], []
-    for t in range(tasks.horizon):
-        rank = torch.searchsorted(bounds.index_select(0, state), draws[t + 1].view(-1, 1), right=True)
-        branch = state * num_branches + rank.view(-1)
-        visited.append(state)
-        taken.append(branch)
-        state = tasks.next_state.index_select(0, branch)
-    return _episodes(tasks, torch.stack(visited, -1), torch.stack(taken, -1), policy.shape)
+    shape = (len(policy), num_episodes, tasks.horizon + 1)
+    return drawn_episodes(policy, tasks, torch.rand(shape, generator=generator, dtype=policy.dtype))
 
 
-def _cumulated(prob: Tensor) -> Tensor:
-    """Cumulated over the last axis up to exactly 1, so that no draw falls behind the last outcome."""
-    total = prob.cumsum(dim=-1)
-    return total / total[..., -1:].clamp_min(torch.finfo(prob.dtype).tiny)
+def drawn_episodes(policy: Tensor, tasks: Sampler, draws: Tensor) -> Episodes:
+    """The episodes that draws lead to, by inversion.
 
-
-def _initial_states(tasks: Sampler, draws: Tensor) -> Tensor:
-    """int64 [N * B], indices into N * S, of draws [N, B]."""
-    num_tasks, num_states = tasks.initial.shape
-    state = torch.searchsorted(tasks.initial, draws, right=True)
-    return (state + torch.arange(num_tasks).unsqueeze(1) * num_states).flatten()
-
-
-def _episodes(tasks: Sampler, visited: Tensor, taken: Tensor, shape: torch.Size) -> Episodes:
-    """Episodes of states and branches [N * B, T]."""
-    num_tasks, num_states, num_actions = shape
-    active = tasks.live.take(visited)
-    within = taken - visited * (num_actions * tasks.num_successors)
-    parts = {
-        "state": visited % num_states,
-        "action": within // tasks.num_successors,
-        "reward": tasks.reward.take(taken) * active,
-        "active": active,
-    }
-    return Episodes(**{name: part.view(num_tasks, -1, tasks.horizon) for name, part in parts.items()})
+    Args:
+        policy: as in `rollout`.
+        tasks: what to act on.
+        draws: float [N, B, T + 1] in [0, 1): of the initial state, then one for each step.
+    """
+    sampled = core.rollout(array_of(policy), tasks.tasks, array_of(draws))
+    return Episodes(*map(torch.from_numpy, sampled))

@@ -6,6 +6,8 @@
     policy.safetensors        parameters, step sizes, advantages' variance
     checkpoint.safetensors    the state of training: also optimizer and generator
     metrics.csv, times.csv    a row for each update; times apart, since they never repeat
+    outcome.json              how training ended, once it has
+    events/                   metrics for TensorBoard, on request
 
 The folder appears whole before training begins, and every file in it is replaced, never
 written over, so that a run that is killed can go on from its last checkpoint.

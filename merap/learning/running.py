@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from merap.base.build import build_base
+from merap.base.folder import write_file
 from merap.concerns.case_study import CaseStudy
 from merap.learning.checkpoint import read_checkpoint, write_checkpoint, write_policy
 from merap.learning.config import TrainingConfig
+from merap.learning.event_log import Log, event_log
 from merap.learning.meta import MetaPolicy
+from merap.learning.metrics import UpdateMetrics
 from merap.learning.observation import case_kinds
 from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks, require_free
 from merap.learning.tasks import TaskBatch, task_batch
-from merap.learning.threads import one_thread
-from merap.learning.training import UpdateMetrics, meta_policy, updates
+from merap.learning.training import Outcome, TrainingState, meta_policy, outcome, updates
 
 SECONDS_BETWEEN_CHECKPOINTS = 0.5
+OUTCOME_FILE = "outcome.json"
+EVENTS_FOLDER = "events"
 
 OnUpdate = Callable[[UpdateMetrics], None]
 
@@ -42,7 +49,20 @@ def tasks_of(run: RunFolder) -> TaskBatch:
     return task_batch(read_tasks(run), horizon, run.case.discount, kinds=kinds)
 
 
-def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> MetaPolicy:
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What training has led to.
+
+    Attributes:
+        policy: the meta policy, as it is in the folder.
+        outcome: how the run ended.
+    """
+
+    policy: MetaPolicy
+    outcome: Outcome
+
+
+def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> Trained:
     """Train from the run's last checkpoint, or from the beginning, to the end.
 
     A checkpoint is written at least every second where an update takes less than half of one.
@@ -50,21 +70,34 @@ def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> Met
     Args:
         run: the folder.
         on_update: called after each update.
+
+    Raises:
+        InputError: the folder's files don't fit, or a setting does not fit the case.
+        ModelError: the gradient is no number before anything was learned.
     """
     tasks = tasks_of(run)
     state, metrics = read_checkpoint(run, tasks)
     written = time.monotonic()
-    with one_thread():
+    with _log(run, state) as log:
         for row in updates(tasks, run.config, state):
             metrics.append(row)
+            log(row)
             on_update(row)
             if time.monotonic() - written > SECONDS_BETWEEN_CHECKPOINTS:
                 write_checkpoint(run, state, metrics)
                 written = time.monotonic()
     write_checkpoint(run, state, metrics)
-    policy = meta_policy(tasks, run.config, state)
-    write_policy(run, policy)
-    return policy
+    trained = Trained(meta_policy(tasks, run.config, state), outcome(run.config, state))
+    write_file(run.path / OUTCOME_FILE, json.dumps(asdict(trained.outcome), indent=2) + "\n", force=True)
+    # last: with the policy a run has ended
+    write_policy(run, trained.policy)
+    return trained
+
+
+def _log(run: RunFolder, state: TrainingState) -> AbstractContextManager[Log]:
+    if run.config.tensorboard:
+        return event_log(run.path / EVENTS_FOLDER, state.update + 1)
+    return nullcontext(lambda metrics: None)
 
 
 def train(

@@ -1,4 +1,7 @@
-"""The offline phase: meta-train over a base (the paper's Algorithm 1 with exact gradients)."""
+"""The offline phase: meta-train over a base (the paper's Algorithm 1).
+
+Axes: P parameters in one row, L layers.
+"""
 
 from __future__ import annotations
 
@@ -6,40 +9,42 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from merap.errors import ModelError
 from merap.learning.config import TrainingConfig
-from merap.learning.meta import Batch, MetaPolicy, batch, objective, step_rule
-from merap.learning.policy import Parameters, PolicyNetwork, initial_parameters
+from merap.learning.core.jit import Array
+from merap.learning.exact import require_span
+from merap.learning.layout import array_of, core_network, core_tasks, flat, shaped
+from merap.learning.meta import MetaPolicy, Objective, outer_objective, step_rule
+from merap.learning.metrics import UpdateMetrics
+from merap.learning.policy import PolicyNetwork, initial_parameters
+from merap.learning.progress import Progress
 from merap.learning.tasks import TaskBatch
+from merap.learning.threads import one_blas_thread
+from merap.learning.trust_region import trust_region_step
 
 # The running mean of the advantages' variance looks back about that many updates.
 _VARIANCE_MEMORY = 20
 
 
-@dataclass(frozen=True)
-class UpdateMetrics:
-    """What one outer update showed.
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The policy at the end of the best window.
 
     Attributes:
-        update: counted from 1.
-        meta_return: mean expected discounted return of the meta policy on the batch.
-        adapted_return: that of the policies after their inner steps.
-        entropy: mean entropy of the meta policy over states, in nats.
-        gradient_norm: of the outer gradient, before it is cut.
-        learning_rate: of the meta policy.
-        seconds: wall-clock time of the update.
+        theta: float [P].
+        log_step_sizes: float [2 L].
+        variance: float [].
     """
 
-    update: int
-    meta_return: float
-    adapted_return: float
-    entropy: float
-    gradient_norm: float
-    learning_rate: float
-    seconds: float
+    theta: Tensor
+    log_step_sizes: Tensor
+    variance: Tensor
 
 
 @dataclass(eq=False)
@@ -48,19 +53,46 @@ class TrainingState:
 
     Attributes:
         update: outer updates done.
-        parameters: theta, leaves.
-        log_step_sizes: log alpha, leaves.
+        theta: float [P], a leaf.
+        log_step_sizes: float [2 L], log alpha of each weight and bias, a leaf.
         variance: float [], running mean of the advantages' variance; None before the first.
-        optimizer: of both.
+        optimizer: of both; of log alpha alone, where theta moves by trust regions.
         generator: source of all randomness.
+        progress: what the adapted returns so far amount to.
+        best: the policy of the best window; None before the first is full.
+        diverged: a gradient was no number: training is over.
     """
 
     update: int
-    parameters: Parameters
-    log_step_sizes: Parameters
+    theta: Tensor
+    log_step_sizes: Tensor
     variance: Tensor | None
-    optimizer: torch.optim.Adam
+    optimizer: torch.optim.Optimizer
     generator: torch.Generator
+    progress: Progress
+    best: Best | None = None
+    diverged: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a training run ended.
+
+    Attributes:
+        updates: done.
+        kept: the update whose policy was kept.
+        stopped: it ended early: on a plateau, or since it had diverged.
+        collapsed: the return fell, or the gradient became no number, so that an earlier policy was kept.
+        best_score: mean adapted return of the best window; nan if no window was full.
+        last_score: likewise, of the last window.
+    """
+
+    updates: int
+    kept: int
+    stopped: bool
+    collapsed: bool
+    best_score: float
+    last_score: float
 
 
 def policy_network(tasks: TaskBatch, config: TrainingConfig) -> PolicyNetwork:
@@ -69,71 +101,147 @@ def policy_network(tasks: TaskBatch, config: TrainingConfig) -> PolicyNetwork:
     return PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation, features)
 
 
-def initial_state(network: PolicyNetwork, config: TrainingConfig) -> TrainingState:
+def initial_state(
+    network: PolicyNetwork, config: TrainingConfig, dtype: torch.dtype = torch.float32
+) -> TrainingState:
     """The state before the first update."""
     generator = torch.Generator().manual_seed(config.seed)
-    parameters = initial_parameters(network, generator)
-    start = math.log(config.step_size)
-    log_step_sizes = {
-        name: torch.full((1,) * value.dim(), start, dtype=value.dtype) for name, value in parameters.items()
-    }
-    for leaf in (*parameters.values(), *log_step_sizes.values()):
-        leaf.requires_grad_()
-    groups = [
-        {"params": list(parameters.values()), "lr": config.learning_rate},
-        {"params": list(log_step_sizes.values()), "lr": config.step_size_learning_rate},
-    ]
-    return TrainingState(0, parameters, log_step_sizes, None, torch.optim.Adam(groups), generator)
+    theta = flat(initial_parameters(network, generator, dtype))
+    log_step_sizes = torch.full((2 * network.num_layers,), math.log(config.step_size), dtype=dtype)
+    optimizer = _optimizer(theta, log_step_sizes, config)
+    return TrainingState(
+        0, theta, log_step_sizes, None, optimizer, generator, Progress(least_gain=config.least_gain)
+    )
+
+
+def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) -> torch.optim.Optimizer:
+    of_sizes = {"params": [log_step_sizes], "lr": config.step_size_learning_rate}
+    of_theta = {"params": [theta], "lr": config.learning_rate}
+    if config.outer == "trpo":
+        return torch.optim.Adam([of_sizes])
+    if config.outer == "sgd":
+        return torch.optim.SGD([of_theta, of_sizes])
+    return torch.optim.Adam([of_theta, of_sizes])
 
 
 def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> Iterator[UpdateMetrics]:
-    """Go on with a training run, an update at a time; `state` is current after each."""
-    network = policy_network(tasks, config)
+    """Go on with a training run, an update at a time; `state` is current after each.
+
+    Raises:
+        InputError: returns over the configured span have no value.
+        ModelError: the gradient is no number, and there is no policy to keep.
+    """
+    require_span(config.span, tasks.discount)
+    everything = core_tasks(tasks, tasks.discount)
+    network = core_network(policy_network(tasks, config), tasks.dtype)
+    rule = step_rule(config, tasks.discount)
     size = min(config.tasks_per_update, tasks.num_tasks)
-    whole = batch(tasks) if size == tasks.num_tasks else None
-    while state.update < config.updates:
+    while state.update < config.updates and not _on_plateau(state, config):
         begin = time.perf_counter()
-        drawn = whole if whole is not None else _draw(tasks, size, state.generator)
-        _set_learning_rates(state, config)
-        yield _update(network, drawn, config, state, begin)
+        drawn = everything
+        if size < tasks.num_tasks:  # distinct ones, uniformly (the paper's P(M))
+            drawn = everything.some(torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy())
+        problem = partial(
+            outer_objective,
+            drawn,
+            network,
+            rule=rule,
+            variance=state.variance,
+            config=config,
+            horizon=tasks.horizon,
+        )
+        with one_blas_thread():
+            metrics = _update(problem, tasks.horizon, config, state, begin)
+        if metrics is None:
+            return
+        yield metrics
 
 
-def _draw(tasks: TaskBatch, size: int, generator: torch.Generator) -> Batch:
-    """Distinct tasks, uniformly (the paper's P(M))."""
-    return batch(tasks[torch.randperm(tasks.num_tasks, generator=generator)[:size]])
+def _on_plateau(state: TrainingState, config: TrainingConfig) -> bool:
+    return 0 < config.patience <= state.progress.since_best
 
 
-def _set_learning_rates(state: TrainingState, config: TrainingConfig) -> None:
-    cosine = (1 + math.cos(math.pi * state.update / config.updates)) / 2
-    part = config.final_learning_rate + (1 - config.final_learning_rate) * cosine
-    rates = (config.learning_rate, config.step_size_learning_rate)
-    for group, rate in zip(state.optimizer.param_groups, rates, strict=True):
-        group["lr"] = rate * part
-
-
+@torch.no_grad()
 def _update(
-    network: PolicyNetwork, drawn: Batch, config: TrainingConfig, state: TrainingState, begin: float
-) -> UpdateMetrics:
-    found = objective(
-        network, state.parameters, state.log_step_sizes, state.variance, drawn, config, state.generator
-    )
-    leaves = [*state.parameters.values(), *state.log_step_sizes.values()]
-    state.optimizer.zero_grad()
-    weight = _entropy_weight(config, state.update) * found.variance.detach().sqrt()
-    (-found.adapted_return - weight * found.entropy).backward()  # type: ignore[no-untyped-call]
-    norm = torch.nn.utils.clip_grad_norm_(leaves, config.max_gradient_norm)
-    state.optimizer.step()
-    state.update += 1
-    state.variance = _running_mean(state.variance, found.variance, state.update)
+    of_step_sizes: Callable[[Array], Objective],
+    horizon: int,
+    config: TrainingConfig,
+    state: TrainingState,
+    begin: float,
+) -> UpdateMetrics | None:
+    """One update; None if its gradient is no number."""
+    theta, objective = array_of(state.theta), of_step_sizes(array_of(state.log_step_sizes.exp()))
+    found, drawn, seen = objective.draw_and_differentiate(theta, config, horizon, state.generator)
+    variance = float(seen.variance.mean())
+    weight = theta.dtype.type(_entropy_weight(config, state.update) * math.sqrt(variance))
+    gradient: Array = found.theta + weight * found.entropy
+    of_sizes = found.sizes
+    norm = math.hypot(float(np.linalg.norm(gradient)), float(np.linalg.norm(of_sizes)))
+    if not math.isfinite(norm):
+        _give_up(state)
+        return None
+    rate = _set_learning_rates(state, config)
+    kl = length = math.nan
+    for repeat in range(config.outer_repeats):
+        if repeat:
+            theta, objective = array_of(state.theta), of_step_sizes(array_of(state.log_step_sizes.exp()))
+            again = objective.differentiate_again(theta, drawn)
+            gradient, of_sizes = again.theta, again.sizes
+        if config.outer == "trpo":
+            step = trust_region_step(objective, theta, gradient, drawn, config)
+            kl, length = step.kl, step.length
+            state.theta.copy_(torch.from_numpy(step.theta))
+        _ascend(state, gradient, of_sizes, config)
+    _remember(state, variance, float(seen.adapted_return.mean()))
     return UpdateMetrics(
         update=state.update,
-        meta_return=found.meta_return.item(),
-        adapted_return=found.adapted_return.item(),
-        entropy=found.entropy.item(),
-        gradient_norm=norm.item(),
-        learning_rate=state.optimizer.param_groups[0]["lr"],
+        meta_return=float(seen.meta_return.mean()),
+        adapted_return=float(seen.adapted_return.mean()),
+        entropy=float(seen.entropy.mean()),
+        gradient_norm=norm,
+        learning_rate=math.nan if config.outer == "trpo" else rate,
+        kl=kl,
+        step_length=length,
+        variance=variance,
         seconds=time.perf_counter() - begin,
     )
+
+
+def _give_up(state: TrainingState) -> None:
+    state.diverged = True
+    if state.best is None:
+        raise ModelError(
+            f"the gradient of update {state.update + 1} is no number; a lower learning rate may help"
+        )
+
+
+def _set_learning_rates(state: TrainingState, config: TrainingConfig) -> float:
+    """Along the cosine; that of theta."""
+    cosine = (1 + math.cos(math.pi * state.update / config.updates)) / 2
+    part = config.final_learning_rate + (1 - config.final_learning_rate) * cosine
+    rates = (config.learning_rate * part, config.step_size_learning_rate * part)
+    groups = state.optimizer.param_groups
+    for group, rate in zip(groups, rates[-len(groups) :], strict=True):
+        group["lr"] = rate
+    return rates[0]
+
+
+def _ascend(state: TrainingState, gradient: Array, of_sizes: Array, config: TrainingConfig) -> None:
+    """A step of the optimizer, which descends, on all that it is for."""
+    state.theta.grad, state.log_step_sizes.grad = torch.from_numpy(-gradient), torch.from_numpy(-of_sizes)
+    leaves = [leaf for group in state.optimizer.param_groups for leaf in group["params"]]
+    torch.nn.utils.clip_grad_norm_(leaves, config.max_gradient_norm)
+    state.optimizer.step()
+
+
+def _remember(state: TrainingState, variance: float, adapted_return: float) -> None:
+    state.update += 1
+    state.variance = _running_mean(
+        state.variance, torch.tensor(variance, dtype=state.theta.dtype), state.update
+    )
+    if state.progress.observe(adapted_return):
+        copies = state.theta.detach().clone(), state.log_step_sizes.detach().clone()
+        state.best = Best(*copies, state.variance.clone())
 
 
 def _entropy_weight(config: TrainingConfig, update: int) -> float:
@@ -147,14 +255,34 @@ def _running_mean(mean: Tensor | None, value: Tensor, count: int) -> Tensor:
     return mean + (value - mean) / min(count, _VARIANCE_MEMORY)
 
 
+def outcome(config: TrainingConfig, state: TrainingState) -> Outcome:
+    """How a run that has ended has ended."""
+    progress = state.progress
+    collapsed = progress.collapsed or state.diverged
+    return Outcome(
+        updates=state.update,
+        kept=progress.best_update if collapsed else state.update,
+        stopped=state.update < config.updates,
+        collapsed=collapsed,
+        best_score=progress.best_score,
+        last_score=progress.score,
+    )
+
+
 def meta_policy(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> MetaPolicy:
-    """What a training run has learned so far."""
+    """What a training run has learned so far: its last policy, or the best if it has collapsed."""
     assert state.variance is not None, "no update was done"
+    kept = Best(state.theta, state.log_step_sizes, state.variance)
+    if state.best is not None and outcome(config, state).collapsed:
+        kept = state.best
+    network = policy_network(tasks, config)
+    parameters = shaped(kept.theta.detach(), network)
+    step_sizes = dict(zip(parameters, kept.log_step_sizes.detach().exp(), strict=True))
     return MetaPolicy(
-        network=policy_network(tasks, config),
-        parameters={name: value.detach().clone() for name, value in state.parameters.items()},
-        step_sizes={name: value.detach().exp() for name, value in state.log_step_sizes.items()},
-        variance=state.variance.detach().clone(),
+        network=network,
+        parameters={name: value.clone() for name, value in parameters.items()},
+        step_sizes={name: value.view((1,) * parameters[name].dim()) for name, value in step_sizes.items()},
+        variance=kept.variance.clone(),
         rule=step_rule(config, tasks.discount),
     )
 
@@ -171,7 +299,7 @@ def train(
         config: every setting.
         on_update: called after each update.
     """
-    state = initial_state(policy_network(tasks, config), config)
+    state = initial_state(policy_network(tasks, config), config, tasks.dtype)
     for metrics in updates(tasks, config, state):
         on_update(metrics)
     return meta_policy(tasks, config, state)

@@ -7,9 +7,30 @@ import pytest
 import torch
 from torch import Tensor
 
-from merap.learning.advantages import advantages, baseline_values, discounted_sums, linear_baseline
+from merap.learning.core import episodes as core
+from merap.learning.core.episodes import Baseline, Judgement
 from merap.learning.rollout import Episodes, rollout, sampler
 from tests.learning_examples import grid_batch, random_table, ring_batch, seeded
+
+
+def discounted_sums(terms: Tensor, discount: float) -> Tensor:
+    """Of rows [.., T]."""
+    rows = np.atleast_2d(terms.numpy())
+    return torch.from_numpy(core.discounted_sums(rows, discount)).view(terms.shape)
+
+
+def baseline_values(
+    episodes: Episodes, to_go: Tensor, num_states: int, baseline: Baseline, ridge: float = 1.0
+) -> Tensor:
+    arrays = (episodes.arrays, to_go.numpy())
+    return torch.from_numpy(core.baseline_values(*arrays, num_states, baseline, ridge))
+
+
+def advantages(
+    episodes: Episodes, num_states: int, baseline: Baseline, discount: float, lam: float
+) -> Tensor:
+    judgement = Judgement(discount, lam, baseline, 1.0, 0.0, 0.0)
+    return torch.from_numpy(core.advantages(episodes.arrays, num_states, judgement))
 
 
 def _episodes(num_episodes: int = 9) -> tuple[Episodes, int]:
@@ -66,7 +87,7 @@ def test_the_linear_baseline_is_a_ridge_regression(ridge: float, num_episodes: i
     episodes, num_states = _episodes(num_episodes)
     assert not episodes.active.all()
     to_go = discounted_sums(episodes.reward, 0.9)
-    found = linear_baseline(episodes, to_go, num_states, ridge)
+    found = baseline_values(episodes, to_go, num_states, "linear", ridge)
     for task in range(3):
         active = episodes.active[task]
         expected = _ridge_regression(episodes, to_go, task, num_states, ridge)
@@ -78,7 +99,7 @@ def test_the_linear_baseline_of_the_grid_in_single_precision() -> None:
     policy = random_table(tasks.enabled, 2).float()
     episodes = rollout(policy, sampler(tasks), 35, seeded(4))
     to_go = discounted_sums(episodes.reward, 0.95)
-    found = linear_baseline(episodes, to_go, tasks.num_states, 1.0)
+    found = baseline_values(episodes, to_go, tasks.num_states, "linear")
     assert found.dtype == torch.float32
     for task in range(2):
         active = episodes.active[task]
@@ -89,7 +110,7 @@ def test_the_linear_baseline_of_the_grid_in_single_precision() -> None:
 def test_the_time_baseline_is_the_mean_of_what_is_active() -> None:
     episodes, num_states = _episodes()
     to_go = discounted_sums(episodes.reward, 0.9)
-    found = baseline_values(episodes, to_go, num_states, "time", 1.0)
+    found = baseline_values(episodes, to_go, num_states, "time")
     assert torch.all(found[~episodes.active] == 0)
     for task, values in enumerate(found):
         for t in range(values.shape[1]):
@@ -102,11 +123,10 @@ def test_the_time_baseline_is_the_mean_of_what_is_active() -> None:
 def test_no_baseline_is_zero_and_the_linear_one_only_where_active() -> None:
     episodes, num_states = _episodes()
     to_go = discounted_sums(episodes.reward, 0.9)
-    assert torch.all(baseline_values(episodes, to_go, num_states, "none", 1.0) == 0)
-    linear = baseline_values(episodes, to_go, num_states, "linear", 1.0)
+    assert torch.all(baseline_values(episodes, to_go, num_states, "none") == 0)
+    linear = baseline_values(episodes, to_go, num_states, "linear")
     assert torch.all(linear[~episodes.active] == 0)
-    direct = linear_baseline(episodes, to_go, num_states, 1.0)
-    assert torch.equal(linear[episodes.active], direct[episodes.active])
+    assert torch.all(linear[episodes.active] != 0)
 
 
 @pytest.mark.parametrize("discount", [0.9, 1.0])
@@ -114,27 +134,29 @@ def test_lambda_one_is_the_return_to_go_minus_the_baseline(discount: float) -> N
     # Schulman et al. 2016, eq. 18
     episodes, num_states = _episodes()
     to_go = discounted_sums(episodes.reward, discount)
-    values = baseline_values(episodes, to_go, num_states, "linear", 1.0)
+    values = baseline_values(episodes, to_go, num_states, "linear")
     expected = (to_go - values) * episodes.active
-    torch.testing.assert_close(advantages(episodes, values, discount, 1.0), expected)
+    torch.testing.assert_close(advantages(episodes, num_states, "linear", discount, 1.0), expected)
 
 
 def test_lambda_zero_is_the_temporal_difference() -> None:
     # Schulman et al. 2016, eq. 17
-    episodes, _ = _episodes()
-    values = torch.randn(episodes.reward.shape, generator=seeded(1), dtype=torch.float64) * episodes.active
+    episodes, num_states = _episodes()
+    values = baseline_values(episodes, discounted_sums(episodes.reward, 0.9), num_states, "time")
     ahead = torch.cat([values[..., 1:], torch.zeros_like(values[..., :1])], dim=-1)
     expected = (episodes.reward + 0.9 * ahead - values) * episodes.active
-    torch.testing.assert_close(advantages(episodes, values, 0.9, 0.0), expected)
+    torch.testing.assert_close(advantages(episodes, num_states, "time", 0.9, 0.0), expected)
 
 
 def test_advantages_by_hand() -> None:
-    """Two steps and an end; discount 1/2 and lambda 1/2.
+    """Two episodes, the baseline is their mean at each step; discount 1/2 and lambda 1/2.
 
-    delta_1 = 4 - 2 = 2; delta_0 = 1 + 2/2 - 3 = -1; A_0 = -1 + 2/4.
+    Rewards (1, 4) and (3, 0): returns-to-go (3, 4) and (3, 0), baseline (3, 2). Of the first,
+    delta_1 = 4 - 2 = 2 and delta_0 = 1 + 2/2 - 3 = -1: advantages -1 + 2/4 and 2. Of the second,
+    delta_1 = -2 and delta_0 = 3 + 2/2 - 3 = 1: advantages 1 - 2/4 and -2.
     """
-    whole = torch.tensor([[[0, 1, 2]]])
-    active = torch.tensor([[[True, True, False]]])
-    episodes = Episodes(whole, whole, torch.tensor([[[1.0, 4.0, 0.0]]]), active)
-    values = torch.tensor([[[3.0, 2.0, 0.0]]])
-    assert advantages(episodes, values, 0.5, 0.5).tolist() == [[[-0.5, 2.0, 0.0]]]
+    whole = torch.zeros(1, 2, 3, dtype=torch.int64)
+    active = torch.tensor([[[True, True, False], [True, True, False]]])
+    reward = torch.tensor([[[1.0, 4.0, 0.0], [3.0, 0.0, 0.0]]])
+    found = advantages(Episodes(whole, whole, reward, active), 1, "time", 0.5, 0.5)
+    assert found.tolist() == [[[-0.5, 2.0, 0.0], [0.5, -2.0, 0.0]]]

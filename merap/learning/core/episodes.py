@@ -1,0 +1,283 @@
+"""Episodes of many tasks, and what they say of their policies: advantages and the surrogate loss."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from merap.learning.core.jit import Array, Bools, Numbers, Successors, compiled
+from merap.learning.core.task import Tasks
+
+Baseline = Literal["linear", "time", "none"]
+Shape = tuple[int, ...]
+
+# The time unit of rllab's LinearFeatureBaseline, whose features are t, t^2, t^3 and 1 beside the state.
+TIME_UNIT = 100
+# Equal advantages carry nothing but rounding errors; those must not be blown up.
+LEAST_DEVIATION = 1e-3
+
+
+class Episodes(NamedTuple):
+    """Episodes of N tasks; steps after an end are inactive and have reward 0.
+
+    Attributes:
+        state: int64 [N, B, T], where the step began.
+        action: int64 [N, B, T]; means nothing where inactive.
+        reward: float [N, B, T].
+        active: bool [N, B, T], the step was taken.
+    """
+
+    state: Numbers
+    action: Numbers
+    reward: Array
+    active: Bools
+
+
+class Judgement(NamedTuple):
+    """How advantages are made.
+
+    Attributes:
+        discount: in [0, 1].
+        gae_lambda: in [0, 1]; of generalised advantage estimation (Schulman et al. 2016, eq. 16).
+        baseline: see `baseline_values`.
+        ridge: regularisation of the linear baseline, positive.
+        variance: of the advantages in training.
+        variance_weight: that variance counts as so many episodes; 0: not at all.
+    """
+
+    discount: float
+    gae_lambda: float
+    baseline: Baseline
+    ridge: float
+    variance: float
+    variance_weight: float
+
+
+class Surrogate(NamedTuple):
+    """The loss -mean over active steps of log pi(a | s) times the normalised advantage, of each task.
+
+    Attributes:
+        gradient: float [N, S, A], in log pi.
+        scale: float64 [N], what turns an expected advantage into a term of the loss.
+        variance: float64 [N], of the advantages, before it is averaged with that of training.
+    """
+
+    gradient: Array
+    scale: Array
+    variance: Array
+
+
+def rollout(policy: Array, tasks: Tasks, draws: Array) -> Episodes:
+    """The episodes of policies that draws lead to, by inversion.
+
+    Args:
+        policy: float [N, S, A], a distribution over the enabled actions, 0 at the others.
+        tasks: N of them.
+        draws: float [N, B, T + 1] in [0, 1): of the initial state, then one for action and successor
+            of each step.
+    """
+    ends = np.cumsum(tasks.initial, axis=1)
+    arrays = (tasks.prob, tasks.reward, tasks.successor, tasks.live)
+    return Episodes(*_rollout(policy, *arrays, ends / ends[:, -1:], draws))
+
+
+def mean_return(episodes: Episodes, discount: float) -> Array:
+    """float64 [N], mean discounted return."""
+    factors = discount ** np.arange(episodes.reward.shape[-1])
+    mean: Array = (episodes.reward @ factors).mean(axis=1)
+    return mean
+
+
+def visits(episodes: Episodes, num_states: int) -> Array:
+    """float [N, S], share of the active steps that began in a state."""
+    counted = _visits(episodes.state, episodes.active, num_states)
+    shares: Array = counted / np.maximum(counted.sum(axis=1, keepdims=True), 1)
+    return shares.astype(episodes.reward.dtype)
+
+
+def surrogate(episodes: Episodes, blame: Array | None, judgement: Judgement, shape: Shape) -> Surrogate:
+    """The loss of episodes.
+
+    Args:
+        episodes: N x B of them.
+        blame: float [N, S, A], weight of a step with a negative advantage; None: 1.
+        judgement: how advantages are made.
+        shape: N, S, A.
+    """
+    num_episodes = episodes.state.shape[1]
+    advantage = advantages(episodes, shape[1], judgement)
+    count = np.maximum(episodes.active.sum(axis=(1, 2)), 1)
+    centred = advantage - (advantage.sum(axis=(1, 2)) / count)[:, np.newaxis, np.newaxis]
+    variance = np.einsum("nbt,nbt,nbt->n", centred, centred, episodes.active) / count
+    weight = judgement.variance_weight
+    shrunk = (num_episodes * variance + weight * judgement.variance) / (num_episodes + weight)
+    unit = np.sqrt(shrunk + LEAST_DEVIATION**2) * count
+    centred /= unit[:, np.newaxis, np.newaxis]
+    everything = np.ones((1, 1, 1), dtype=advantage.dtype) if blame is None else blame
+    gradient = _summed_up(
+        episodes.state, episodes.action, episodes.active, centred, np.broadcast_to(everything, shape)
+    )
+    return Surrogate(gradient, num_episodes / unit, variance)
+
+
+def advantages(episodes: Episodes, num_states: int, judgement: Judgement) -> Array:
+    """Generalised advantage estimation, float [N, B, T], 0 where inactive."""
+    to_go = discounted_sums(episodes.reward, judgement.discount)
+    values = baseline_values(episodes, to_go, num_states, judgement.baseline, judgement.ridge)
+    residual = episodes.reward - values
+    residual[..., :-1] += judgement.discount * values[..., 1:]
+    return discounted_sums(residual, judgement.discount * judgement.gae_lambda)
+
+
+def discounted_sums(terms: Array, discount: float) -> Array:
+    """sum over u >= t of discount^(u - t) terms_u, float [N, B, T]; of rewards, the returns-to-go."""
+    return _discounted_sums(terms.reshape(-1, terms.shape[-1]), discount).reshape(terms.shape)
+
+
+def baseline_values(
+    episodes: Episodes, to_go: Array, num_states: int, baseline: Baseline, ridge: float
+) -> Array:
+    """What the return-to-go was to be expected to be, fitted to the episodes of each task.
+
+    Args:
+        episodes: N x B of them.
+        to_go: float [N, B, T], their returns-to-go.
+        num_states: S.
+        baseline: `time`, the mean at each step; `linear`, ridge regression on the one-hot state and
+            t, t^2, t^3, 1 (the linear feature baseline of Duan et al. 2016, section 5.1); `none`, 0.
+        ridge: weight of the squared coefficients, positive.
+
+    Returns:
+        float [N, B, T], 0 where inactive.
+    """
+    if baseline == "linear":
+        time = np.arange(to_go.shape[2]) / TIME_UNIT
+        features = np.stack([time, time**2, time**3, np.ones_like(time)], axis=1)
+        return _linear_baseline(episodes, to_go, features, num_states, ridge)
+    if baseline == "time":
+        count = np.maximum(episodes.active.sum(axis=1, keepdims=True), 1)
+        mean = (to_go * episodes.active).sum(axis=1, keepdims=True) / count
+        values: Array = mean * episodes.active
+        return values.astype(to_go.dtype)
+    return np.zeros_like(to_go)
+
+
+def _linear_baseline(
+    episodes: Episodes, to_go: Array, features: Array, num_states: int, ridge: float
+) -> Array:
+    """float [N, B, T]; features of time are float64 [T, 4], the last of them is 1.
+
+    The states' block of the normal equations is diagonal: eliminating it leaves 4 equations.
+    """
+    in_state, of_state = _state_sums(episodes.state, episodes.active, to_go, features, num_states)
+    weights = episodes.active.sum(axis=1)[:, np.newaxis]
+    damped = in_state / (in_state[..., 3:] + ridge)
+    matrix = (features.T * weights) @ features + ridge * np.eye(4) - damped.mT @ in_state
+    targets = np.einsum("nbt,nbt->nt", to_go, episodes.active)
+    right = targets @ features - np.einsum("nsf,ns->nf", damped, of_state)
+    of_time = np.linalg.solve(matrix, right[..., np.newaxis])
+    residual = of_state - (in_state @ of_time)[..., 0]
+    per_state = residual / (in_state[..., 3] + ridge)
+    number = np.arange(len(to_go))[:, np.newaxis, np.newaxis]
+    values = per_state[number, episodes.state] + (features @ of_time).mT
+    return (values * episodes.active).astype(to_go.dtype)
+
+
+@compiled
+def _rollout(
+    policy: Array,
+    prob: Array,
+    reward: Array,
+    successor: Successors,
+    live: Bools,
+    starts: Array,
+    draws: Array,
+) -> tuple[Numbers, Numbers, Array, Bools]:
+    """State, action, reward and activity [N, B, T]; starts [N, S] are cumulated."""
+    shape = (len(policy), draws.shape[1], draws.shape[2] - 1)
+    state, action = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)
+    earned, active = np.zeros(shape, dtype=policy.dtype), np.zeros(shape, dtype=np.bool_)
+    for n in range(shape[0]):
+        for b in range(shape[1]):
+            s = np.int64(np.searchsorted(starts[n], draws[n, b, 0], side="right"))
+            for t in range(shape[2]):
+                state[n, b, t] = s
+                if live[n, s]:
+                    a, left = _drawn(policy[n, s], np.float64(draws[n, b, t + 1]))
+                    k, _ = _drawn(prob[n, s, a], left)
+                    action[n, b, t], active[n, b, t] = a, True
+                    earned[n, b, t] = reward[n, s, a, k]
+                    s = np.int64(successor[n, s, a, k])
+    return state, action, earned, active
+
+
+@compiled
+def _drawn(shares: Array, draw: float) -> tuple[int, float]:
+    """The outcome that a draw in [0, 1) falls on, and where within it the draw lies, in [0, 1).
+
+    The last outcome of positive probability stands where rounding leaves a draw over.
+    """
+    drawn = 0
+    for other in range(len(shares)):
+        if shares[other] > 0:
+            drawn = other
+            if draw < shares[other]:
+                return drawn, draw / shares[other]
+            draw -= shares[other]
+    return drawn, 0.0
+
+
+@compiled
+def _visits(state: Numbers, active: Bools, num_states: int) -> Array:
+    """float64 [N, S], number of active steps."""
+    counts = np.zeros((len(state), num_states))
+    for n in range(state.shape[0]):
+        for b in range(state.shape[1]):
+            for t in range(state.shape[2]):
+                if active[n, b, t]:
+                    counts[n, state[n, b, t]] += 1
+    return counts
+
+
+@compiled
+def _summed_up(state: Numbers, action: Numbers, active: Bools, advantage: Array, blame: Array) -> Array:
+    """float [N, S, A]: minus the sum of advantages in each state and action; negative ones take the blame."""
+    total = np.zeros(blame.shape, dtype=advantage.dtype)
+    for n in range(state.shape[0]):
+        for b in range(state.shape[1]):
+            for t in range(state.shape[2]):
+                if active[n, b, t]:
+                    s, a, part = state[n, b, t], action[n, b, t], advantage[n, b, t]
+                    total[n, s, a] -= part * blame[n, s, a] if part < 0 else part
+    return total
+
+
+@compiled
+def _discounted_sums(terms: Array, discount: float) -> Array:
+    sums = np.empty_like(terms)
+    num_rows, horizon = terms.shape
+    for row in range(num_rows):
+        ahead = 0.0
+        for t in range(horizon - 1, -1, -1):
+            ahead = terms[row, t] + discount * ahead
+            sums[row, t] = ahead
+    return sums
+
+
+@compiled
+def _state_sums(
+    state: Numbers, active: Bools, to_go: Array, features: Array, num_states: int
+) -> tuple[Array, Array]:
+    """Sums over the active steps in each state: features of time [N, S, 4], returns-to-go [N, S]."""
+    num_tasks, num_episodes, horizon = to_go.shape
+    in_state, of_state = np.zeros((num_tasks, num_states, 4)), np.zeros((num_tasks, num_states))
+    for n in range(num_tasks):
+        for b in range(num_episodes):
+            for t in range(horizon):
+                if active[n, b, t]:
+                    s = state[n, b, t]
+                    of_state[n, s] += to_go[n, b, t]
+                    for i in range(4):
+                        in_state[n, s, i] += features[t, i]
+    return in_state, of_state

@@ -1,0 +1,101 @@
+"""The softmax over enabled actions, and its derivatives; tables are [N, S, A]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from merap.learning.core.jit import Array, Bools, compiled
+
+# What a probability that has been rounded to 0 counts as.
+LEAST = 1e-37
+
+
+def masked_softmax(logits: Array, enabled: Bools) -> Array:
+    """Probabilities of logits [N, S, A] or [S, A], over the enabled actions; 0 in a row without any."""
+    return _masked_softmax(np.broadcast_to(logits, enabled.shape), enabled)
+
+
+def through_log_softmax(policy: Array, weights: Array) -> Array:
+    """A gradient in log pi as one in the logits; weights are 0 where an action is disabled."""
+    slope: Array = weights - policy * weights.sum(axis=-1, keepdims=True)
+    return slope
+
+
+def divergence(old: Array, new: Array, visits: Array) -> Array:
+    """KL(old || new) in nats, weighted by visits [N, S]; float [N]."""
+    surprise = old * (np.log(np.maximum(old, LEAST)) - np.log(np.maximum(new, LEAST)))
+    total: Array = np.einsum("ns,nsa->n", visits, surprise)
+    return total
+
+
+@compiled
+def _masked_softmax(logits: Array, enabled: Bools) -> Array:
+    num_tasks, num_states, num_actions = enabled.shape
+    policy = np.zeros(enabled.shape, dtype=logits.dtype)
+    for n in range(num_tasks):
+        for s in range(num_states):
+            greatest = logits.dtype.type(-np.inf)
+            for a in range(num_actions):
+                if enabled[n, s, a]:
+                    greatest = max(greatest, logits[n, s, a])
+            total = logits.dtype.type(0)
+            for a in range(num_actions):
+                if enabled[n, s, a]:
+                    policy[n, s, a] = np.exp(logits[n, s, a] - greatest)
+                    total += policy[n, s, a]
+            for a in range(num_actions):
+                if enabled[n, s, a]:
+                    policy[n, s, a] /= total
+    return policy
+
+
+@compiled
+def through_softmax(policy: Array, gradient: Array) -> Array:
+    """A gradient in pi as one in the logits; also d pi of d logits, since that map is symmetric."""
+    result = np.empty_like(policy)
+    num_tasks, num_states, num_actions = policy.shape
+    for n in range(num_tasks):
+        for s in range(num_states):
+            mean = policy.dtype.type(0)
+            for a in range(num_actions):
+                mean += policy[n, s, a] * gradient[n, s, a]
+            for a in range(num_actions):
+                result[n, s, a] = policy[n, s, a] * (gradient[n, s, a] - mean)
+    return result
+
+
+@compiled
+def through_softmax_dot(policy: Array, policy_dot: Array, gradient: Array, gradient_dot: Array) -> Array:
+    """The derivative of `through_softmax` where policy and gradient both change."""
+    result = np.empty_like(policy)
+    num_tasks, num_states, num_actions = policy.shape
+    for n in range(num_tasks):
+        for s in range(num_states):
+            mean = mean_dot = policy.dtype.type(0)
+            for a in range(num_actions):
+                mean += policy[n, s, a] * gradient[n, s, a]
+                mean_dot += policy_dot[n, s, a] * gradient[n, s, a] + policy[n, s, a] * gradient_dot[n, s, a]
+            for a in range(num_actions):
+                of_policy = policy_dot[n, s, a] * (gradient[n, s, a] - mean)
+                result[n, s, a] = of_policy + policy[n, s, a] * (gradient_dot[n, s, a] - mean_dot)
+    return result
+
+
+@compiled
+def entropy_slope(policy: Array, visits: Array) -> tuple[Array, Array]:
+    """Entropy in nats weighted by visits [N, S], float64 [N], and its gradient in the logits [N, S, A]."""
+    slope = np.zeros_like(policy)
+    num_tasks, num_states, num_actions = policy.shape
+    total = np.zeros(num_tasks)
+    for n in range(num_tasks):
+        for s in range(num_states):
+            if visits[n, s] > 0:
+                entropy = policy.dtype.type(0)
+                for a in range(num_actions):
+                    if policy[n, s, a] > 0:
+                        slope[n, s, a] = -policy[n, s, a] * np.log(policy[n, s, a])
+                        entropy += slope[n, s, a]
+                for a in range(num_actions):
+                    slope[n, s, a] = visits[n, s] * (slope[n, s, a] - policy[n, s, a] * entropy)
+                total[n] += visits[n, s] * entropy
+    return total, slope

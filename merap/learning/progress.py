@@ -1,0 +1,81 @@
+"""Is training still getting somewhere? Plateaus, collapses, and the best policy so far.
+
+Judged by the adapted return, averaged over the last updates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+# Updates whose mean is compared: enough to smooth the draw of tasks and episodes.
+WINDOW = 10
+# A fall counts as a collapse from that part of all the ground ever covered.
+COLLAPSE = 0.2
+# And from that many standard errors of the difference of both windows' means: the best of many means of
+# noise lies some 3 above the true one, the last may lie as many below.
+CERTAIN = 6.0
+
+
+class Progress:
+    """What the adapted returns of a run so far amount to.
+
+    Args:
+        history: the returns of updates 1, 2, ...
+        least_gain: what counts as a gain, in units of the ground covered.
+
+    Attributes:
+        best_update: the end of the best window; 0 before the first is full.
+        best_score: its mean; nan likewise.
+    """
+
+    def __init__(self, history: Sequence[float] = (), least_gain: float = 0.0) -> None:
+        self.best_update = 0
+        self.best_score = math.nan
+        self._best_variance = math.nan
+        self._least_gain = least_gain
+        self._last: list[float] = []
+        self._updates = 0
+        self._lowest, self._highest = math.inf, -math.inf
+        for adapted_return in history:
+            self.observe(adapted_return)
+
+    def observe(self, adapted_return: float) -> bool:
+        """Take in one more return; whether the window that it ends is the best so far."""
+        self._updates += 1
+        self._last = [*self._last[-WINDOW + 1 :], adapted_return]
+        if len(self._last) < WINDOW:
+            return False
+        score = self.score
+        self._lowest, self._highest = min(self._lowest, score), max(self._highest, score)
+        gain = self._least_gain * self._ground
+        if self.best_update and not score > self.best_score + gain:
+            return False
+        self.best_update, self.best_score = self._updates, score
+        self._best_variance = float(np.var(self._last))
+        return True
+
+    @property
+    def score(self) -> float:
+        """Mean of the last window, as far as it is full; nan before the first update."""
+        return math.fsum(self._last) / len(self._last) if self._last else math.nan
+
+    @property
+    def since_best(self) -> int:
+        """Updates since the best window."""
+        return self._updates - self.best_update
+
+    @property
+    def collapsed(self) -> bool:
+        """Whether the last window has fallen clearly below the best one."""
+        if not self.best_update:
+            return False
+        error = math.sqrt((np.var(self._last) + self._best_variance) / WINDOW)
+        return self.best_score - self.score > max(COLLAPSE * self._ground, CERTAIN * error)
+
+    @property
+    def _ground(self) -> float:
+        """How far the mean of a window has ever moved."""
+        return self._highest - self._lowest
