@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from merap.errors import MerapError
 from merap.learning.run_folder import RunFolder
 from merap.online.belief.space import hypothesis_space
 from merap.online.loop.analyzer import Analyzer
@@ -15,6 +14,7 @@ from merap.online.loop.building import Built, Guard, build, unguarded
 from merap.online.loop.scenario import Scenario, read_scenario
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.scores import LoopReport
+from merap.online.managed.faults import SystemFault
 from merap.online.systems import ManagedSystem, Observation
 from tests.grid_tasks import HORIZON
 from tests.loop_examples import Doubtful
@@ -70,5 +70,5 @@ class Unsound:
     def step(self, action: int) -> Observation:
         if self.left and self.system.tally.steps >= 2:
             self.left -= 1
-            raise MerapError("the connection is lost")
+            raise SystemFault("dropped", "the connection is lost", repeatable=False)
         return self.system.step(action)

@@ -11,15 +11,15 @@ PATIENCE = 60.0
 
 def test_without_a_limit_work_is_done_at_once() -> None:
     done: list[str] = []
-    with Punctual[str](None) as punctual:
-        punctual.later(lambda: done.append("first"))
-        assert punctual.in_time(lambda: "second") == "second"
-        assert done == ["first"]
+    punctual = Punctual[str](None)
+    punctual.later(lambda: done.append("first"))
+    assert punctual.in_time(lambda: "second") == "second"
+    assert done == ["first"]
 
 
 def test_work_in_time_has_its_result() -> None:
-    with Punctual[int](PATIENCE) as punctual:
-        assert punctual.in_time(lambda: 6 * 7) == 42
+    punctual = Punctual[int](PATIENCE)
+    assert punctual.in_time(lambda: 6 * 7) == 42
 
 
 def test_late_work_is_finished_before_the_next_piece() -> None:
@@ -32,13 +32,13 @@ def test_late_work_is_finished_before_the_next_piece() -> None:
         done.append("slow")
         return "too late"
 
-    with Punctual[str](0.01) as punctual:
-        assert punctual.in_time(slow) is None
-        punctual.later(lambda: done.append("next"))
-        assert done == []
-        signal.set()
-        punctual.finish()
-        assert done == ["slow", "next"]
+    punctual = Punctual[str](0.01)
+    assert punctual.in_time(slow) is None
+    punctual.later(lambda: done.append("next"))
+    assert done == []
+    signal.set()
+    punctual.finish()
+    assert done == ["slow", "next"]
 
 
 def test_while_patient_nothing_is_late() -> None:
@@ -48,17 +48,17 @@ def test_while_patient_nothing_is_late() -> None:
         started.wait(0.05)
         return 1
 
-    with Punctual[int](0.001) as punctual:
-        punctual.patient = True
-        assert punctual.in_time(slow) == 1
+    punctual = Punctual[int](0.001)
+    punctual.patient = True
+    assert punctual.in_time(slow) == 1
 
 
 def test_what_goes_wrong_beside_the_loop_comes_out_at_its_end() -> None:
     def wrong() -> None:
         raise ValueError("no such state")
 
-    with Punctual[int](PATIENCE) as punctual:
-        punctual.later(wrong)
-        with pytest.raises(ValueError, match="no such state"):
-            punctual.finish()
+    punctual = Punctual[int](PATIENCE)
+    punctual.later(wrong)
+    with pytest.raises(ValueError, match="no such state"):
         punctual.finish()
+    punctual.finish()

@@ -72,7 +72,7 @@ def test_a_fault_is_survived_by_the_fallback(run: RunFolder, tmp_path: Path) -> 
     built = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=2))
     logs = episodes(built, 3)
     faulty = logs[1]
-    assert [problem.message for problem in faulty.problems] == ["the connection is lost"] * 2
+    assert [problem.message for problem in faulty.problems] == ["dropped: the connection is lost"] * 2
     assert faulty.count("fallback") == 2
     assert faulty.executions[-1].observation is not None
     assert faulty.executions[-1].observation.last

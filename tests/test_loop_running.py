@@ -13,6 +13,8 @@ from merap.learning.run_folder import RunFolder
 from merap.online.knowledge.base import KnowledgeBase, open_knowledge
 from merap.online.loop.records import EpisodeRow
 from merap.online.loop.running import run_loop
+from merap.online.managed.guarded import GuardedSystem, Retries
+from merap.online.systems import ManagedSystem
 from tests.loop_runs import MOVED, Unsound, scenario, timeless
 from tests.trained_runs import trained
 
@@ -135,7 +137,7 @@ def test_faults_are_in_the_report_and_in_the_log(
     report = run_loop(run, scenario(tmp_path), knowledge=knowledge, guard=partial(Unsound, calls=2))
     assert [row.problems for row in report.rows if row.problems] == [2, 2, 2]
     told = [event for event in knowledge.events(1) if event.level == "warning"]
-    assert sum(event.message == "the connection is lost" for event in told) == 6
+    assert sum(event.message == "dropped: the connection is lost" for event in told) == 6
     assert all(event.data["episode"] % 3 == 1 for event in told)
 
 
@@ -143,3 +145,22 @@ def test_an_unknown_manager_begins_nothing(run: RunFolder, tmp_path: Path, knowl
     with pytest.raises(InputError, match="no manager 'reactiv'"):
         run_loop(run, scenario(tmp_path), manager="reactiv", knowledge=knowledge)
     assert knowledge.runs() == ()
+
+
+def guarded(system: ManagedSystem) -> ManagedSystem:
+    """The call that fails is not made again; the fallback is taken in its place."""
+    return GuardedSystem(Unsound(system, calls=1), retries=Retries(count=0), fallback="stop")
+
+
+def test_what_a_guard_has_done_is_recorded_and_repeated(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    found = scenario(tmp_path)
+    with pytest.raises(KilledError):
+        run_loop(run, found, knowledge=knowledge, guard=guarded, on_episode=killed_after(6))
+    taken = [one.data["taken"] for one in knowledge.decisions(1) if one.kind == "episode"]
+    stop = run.case.actions.index("stop")
+    assert [list(each.values()) for each in taken] == [[], [stop], [], [], [stop], [], []]
+    report = run_loop(run, found, knowledge=knowledge, resume=True, guard=guarded)
+    assert timeless(report) == timeless(run_loop(run, found, guard=guarded))
+    assert not any(row.problems for row in report.rows)

@@ -115,11 +115,11 @@ def test_the_fallback_is_always_allowed(fallback: int | None, expected: int) -> 
 
 def test_a_plan_that_is_late_is_replaced() -> None:
     signal = threading.Event()
-    with Punctual[int](0.01) as punctual:
-        planning = planner(table(), punctual=punctual, strategy=Slow(signal))
-        assert planning.plan(monitored(HERE), analysis("adapting"), ALL) == Plan(FALLBACK, "fallback")
-        signal.set()
-        punctual.finish()
+    punctual = Punctual[int](0.01)
+    planning = planner(table(), punctual=punctual, strategy=Slow(signal))
+    assert planning.plan(monitored(HERE), analysis("adapting"), ALL) == Plan(FALLBACK, "fallback")
+    signal.set()
+    punctual.finish()
 
 
 def test_a_plan_that_was_late_is_late_again_when_it_is_repeated() -> None:

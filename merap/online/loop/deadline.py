@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
+from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
+
+from merap.online.managed.worker import Worker
 
 Result = TypeVar("Result")
 
@@ -26,23 +27,14 @@ class Punctual(Generic[Result]):
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
         self.patient = False
-        self._pool = None if seconds is None else ThreadPoolExecutor(max_workers=1)
+        self._worker = None if seconds is None else Worker("planner")
         self._pending: list[Future[Any]] = []
-
-    def __enter__(self) -> Punctual[Result]:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
 
     def in_time(self, work: Callable[[], Result]) -> Result | None:
         """The result; None if it is late, and then nobody asks for it any more."""
-        if self._pool is None:
+        if self._worker is None:
             return work()
-        future = self._pool.submit(work)
+        future = self._worker.submit(work)
         self._pending.append(future)
         try:
             return future.result(None if self.patient else self._seconds)
@@ -51,10 +43,10 @@ class Punctual(Generic[Result]):
 
     def later(self, work: Callable[[], None]) -> None:
         """Do it before any work that is handed over after it."""
-        if self._pool is None:
+        if self._worker is None:
             work()
         else:
-            self._pending.append(self._pool.submit(work))
+            self._pending.append(self._worker.submit(work))
 
     def finish(self) -> None:
         """Wait for all that was handed over; raises what it has raised."""

@@ -53,7 +53,7 @@ def _derived(run: RunFolder, knowledge: KnowledgeBase, number: int) -> Iterator[
     built = build(run, scenario, manager, past)
     built.parts.punctual.patient = True
     loop = Loop(built.parts, adapts=built.adapts)
-    with one_thread(), built.parts.punctual:
+    with one_thread():
         for _ in past.episodes:
             log = loop.episode()
             for decision in log.decisions:

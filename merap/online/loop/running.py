@@ -62,7 +62,7 @@ def run_loop(
         number = _begun(run, scenario, manager, knowledge) if number is None else number
         memory = Memory(knowledge, number, lines)
     seconds, rows = [], []
-    with one_thread(), built.parts.punctual:
+    with one_thread():
         for row, taken in _course(built, scenario.spec.episodes, past, memory):
             rows.append(row)
             seconds.append(taken)
