@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from itertools import count
+from itertools import count, pairwise
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from merap.online.trigger.change import ChangeTrigger, Totals, estimated_loss
 from merap.online.trigger.settings import ChangeSettings
 from merap.online.trigger.trigger import Reading
-from tests.trigger_examples import reading
+from tests.trigger_examples import random_readings, reading
 
 SETTINGS = ChangeSettings(noise=1.0, cooldown=0)
 EPISODE = 5
@@ -115,6 +118,29 @@ def test_cool_down_and_budget_bound_the_number_of_re_plannings() -> None:
     limited = ChangeTrigger(SETTINGS.model_copy(update={"budget": 3, "budget_steps": 200}))
     # three at once; each is back 200 steps later
     assert run(limited, bad) == [4, 9, 14, 204, 209, 214, 404, 409, 414]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    budget=st.integers(1, 4),
+    budget_steps=st.integers(1, 120),
+    cooldown=st.integers(0, 3),
+)
+def test_no_stream_gets_around_cool_down_and_budget(
+    seed: int, budget: int, budget_steps: int, cooldown: int
+) -> None:
+    """Whatever is read: alarms are where episodes end, far enough apart, and few enough."""
+    limits = {"budget": budget, "budget_steps": budget_steps, "cooldown": cooldown, "max_evidence": 30.0}
+    trigger = ChangeTrigger(SETTINGS.model_copy(update=limits))
+    readings = random_readings(np.random.default_rng(seed), 250, level=2.0, drift=-2.0)
+    alarms = run(trigger, [readings[step] for step in range(250)])
+    ends = np.flatnonzero(readings.last).tolist()
+    assert set(alarms) <= set(ends)
+    places = [ends.index(step) for step in alarms]
+    assert all(later - earlier > cooldown for earlier, later in pairwise(places))
+    for step in alarms:
+        assert sum(step - budget_steps < other <= step for other in alarms) <= budget
 
 
 def test_an_episode_without_end_is_judged_all_the_same() -> None:
