@@ -8,12 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from merap.learning.checkpoint import CHECKPOINT_FILE
 from merap.learning.config import TrainingConfig
 from merap.learning.run_folder import RunFolder, read_run
 from tests.trained_runs import (
@@ -25,8 +25,9 @@ from tests.trained_runs import (
     what_was_learned,
 )
 
-# Long enough to be killed in the middle: some seconds.
-LONG = TrainingConfig(updates=200, hidden=(4,), episodes=5)
+# Long enough to be killed in the middle ten times.
+LONG = TrainingConfig(updates=8_000, hidden=(4,), episodes=5)
+KILLS = 10
 
 
 def command(*arguments: str | Path) -> list[str]:
@@ -93,34 +94,39 @@ def test_train_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str],
     assert contents(tmp_path) == {}
 
 
-def test_a_run_killed_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    """Parameters, optimizer, generator and metrics are those of an undisturbed run."""
     undisturbed = trained(tmp_path / "undisturbed", LONG)
     settings = ["--updates", LONG.updates, "--set", "hidden=[4]", "--set", "episodes=5"]
     out = tmp_path / "killed"
-    process = subprocess.Popen(
-        command("train", ONE_OF_THREE, "-o", out, *map(str, settings)),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        wait_for(out / CHECKPOINT_FILE, process)
-        time.sleep(np.random.default_rng().uniform(0, 0.7))  # at any moment between two checkpoints
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-    assert process.wait(60) == -signal.SIGKILL
-    assert not (out / "policy.safetensors").exists()
-    assert 0 < checkpoint_update(out) < LONG.updates
+    reached = [0]
+    for number in range(KILLS):
+        words = ("--resume", "-o", out) if number else (ONE_OF_THREE, "-o", out, *map(str, settings))
+        process = subprocess.Popen(
+            command("train", *words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            wait_for(lambda: checkpoint_update(out) > reached[-1], process)
+            time.sleep(np.random.default_rng().uniform(0, 0.6))  # at any moment between two checkpoints
+        finally:
+            os.kill(process.pid, signal.SIGKILL)
+        assert process.wait(60) == -signal.SIGKILL
+        assert not (out / "policy.safetensors").exists()
+        reached.append(checkpoint_update(out))
+    # each process got further, and none to the end
+    assert reached == sorted(set(reached))
+    assert reached[-1] < LONG.updates
     done = merap("train", "--resume", "-o", out)
     assert done.returncode == 0, done.stderr
-    assert f"{LONG.updates} updates in" not in done.stdout
+    assert f" {LONG.updates - reached[-1]} updates in" in done.stdout
     assert what_was_learned(out) == what_was_learned(undisturbed.path)
 
 
-def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
+def wait_for(happened: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + 120
-    while not path.exists():
-        assert process.poll() is None, "training ended before its first checkpoint"
-        assert time.monotonic() < deadline, "no checkpoint in two minutes"
+    while not happened():
+        assert process.poll() is None, "training ended before it could be killed"
+        assert time.monotonic() < deadline, "no progress in two minutes"
         time.sleep(0.01)
 
 
