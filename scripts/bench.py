@@ -1,25 +1,22 @@
-"""Measure merap: bench.py export | adaptation | online | trigger | shield [--json FILE].
+"""Measure merap: bench.py export | learning | growth | adaptation | online | trigger | shield [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
 
 from __future__ import annotations
 
-import json
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
 
+import bench_learning
 import bench_online
 import bench_shield
 import bench_trigger
 import typer
-from rich.console import Console
-from rich.table import Table
+from bench_learning import Json, median, report
 
 from merap.checker.storm import StormModel, build_text
 from merap.concerns.case_study import load_case
@@ -31,7 +28,6 @@ ROOT = Path(__file__).parents[1]
 EPISODES_PER_STEP = (35, 10, 5)
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
-Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
 
 # a slippery grid: five actions, of which four slip to either side
 GRID = """mdp
@@ -51,6 +47,8 @@ rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
 """
 
 
+app.command()(bench_learning.learning)
+app.command()(bench_learning.growth)
 app.command()(bench_online.online)
 app.command()(bench_trigger.trigger)
 app.command()(bench_shield.shield)
@@ -68,9 +66,9 @@ def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
     model = build_text(text, "grid")
     mdp = model.mdp()
     seconds = {
-        "build": _median(lambda: build_text(text, "grid"), repeats),
-        "export_umb": _median(model.mdp, repeats),
-        "iterate_rows": _median(lambda: _iterate(model), 1),
+        "build": median(lambda: build_text(text, "grid"), repeats),
+        "export_umb": median(model.mdp, repeats),
+        "iterate_rows": median(lambda: _iterate(model), 1),
     }
     figures = {
         "states": mdp.num_states,
@@ -80,7 +78,7 @@ def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
         "iterate_over_export": seconds["iterate_rows"] / seconds["export_umb"],
         "export_over_build": seconds["export_umb"] / seconds["build"],
     }
-    _report("export", figures, json_file)
+    report("export", figures, json_file)
 
 
 @app.command()
@@ -111,7 +109,7 @@ def adaptation(
         figures[f"steps_worst_training_seed_{episodes}_episodes"] = max(map(statistics.mean, reached))
         figures[f"never_{episodes}_episodes"] = sum(of_seed.count(None) for of_seed in by_seed)
     figures["runs"] = training_seeds * seeds
-    _report(f"adaptation to {study.name}", figures, json_file)
+    report(f"adaptation to {study.name}", figures, json_file)
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:
@@ -123,24 +121,6 @@ def _iterate(model: StormModel) -> tuple[list[int], list[float]]:
                 targets.append(transition.column)
                 probabilities.append(transition.value)
     return targets, probabilities
-
-
-def _median(run: Callable[[], object], repeats: int) -> float:
-    seconds = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - begin)
-    return statistics.median(seconds)
-
-
-def _report(title: str, figures: dict[str, float], json_file: Path | None) -> None:
-    table = Table("figure", "value", title=title)
-    for name, value in figures.items():
-        table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else f"{value:,}")
-    Console().print(table)
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from merap.learning.policy import Parameters, PolicyNetwork
 from merap.learning.threads import on_threads
 
 # A range has at most so many tasks, and at most so many hidden units in all their states.
-_RANGE = 8
+_RANGE = 16
 _RANGE_NUMEL = 2**22
 
 
