@@ -26,7 +26,7 @@ from tests.trained_runs import (
 )
 
 # Long enough to be killed in the middle ten times.
-LONG = TrainingConfig(updates=8_000, hidden=(4,), episodes=5)
+LONG = TrainingConfig(updates=6_000, hidden=(4,), episodes=5)
 KILLS = 10
 
 
@@ -97,11 +97,11 @@ def test_train_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str],
 def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
     """Parameters, optimizer, generator and metrics are those of an undisturbed run."""
     undisturbed = trained(tmp_path / "undisturbed", LONG)
-    settings = ["--updates", LONG.updates, "--set", "hidden=[4]", "--set", "episodes=5"]
+    settings = ["--updates", str(LONG.updates), "--set", "hidden=[4]", "--set", "episodes=5"]
     out = tmp_path / "killed"
     reached = [0]
     for number in range(KILLS):
-        words = ("--resume", "-o", out) if number else (ONE_OF_THREE, "-o", out, *map(str, settings))
+        words = ["--resume", "-o", str(out)] if number else [str(ONE_OF_THREE), "-o", str(out), *settings]
         process = subprocess.Popen(
             command("train", *words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )

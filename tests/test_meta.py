@@ -261,11 +261,11 @@ def test_the_entropy_of_the_uniform_policy() -> None:
 
 
 def test_ranges_and_threads_change_nothing_but_rounding() -> None:
-    """20 tasks are three ranges; each task's share is the same, and sums are in order."""
+    """20 tasks are two ranges; each task's share is the same, and sums are in order."""
     setting = _setting(_config())
     many = Setting(setting.config, setting.tasks[torch.arange(20) % 3], setting.network, setting.theta)
     objective = many.objective()
-    assert [len(problem.tasks.live) for problem in objective.problems] == [8, 8, 4]
+    assert [len(problem.tasks.live) for problem in objective.problems] == [16, 4]
     before = torch.get_num_threads()
     found = []
     for threads in (1, 2):

@@ -30,6 +30,7 @@ from merap.learning.trust_region import trust_region_step
 
 # The running mean of the advantages' variance looks back about that many updates.
 _VARIANCE_MEMORY = 20
+LEAST_NORM = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,8 @@ def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) ->
 def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> Iterator[UpdateMetrics]:
     """Go on with a training run, an update at a time; `state` is current after each.
 
+    Until it ends or is closed, products in this process use one thread each.
+
     Raises:
         InputError: returns over the configured span have no value.
         ModelError: the gradient is no number, and there is no policy to keep.
@@ -136,25 +139,27 @@ def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> I
     network = core_network(policy_network(tasks, config), tasks.dtype)
     rule = step_rule(config, tasks.discount)
     size = min(config.tasks_per_update, tasks.num_tasks)
-    while state.update < config.updates and not _on_plateau(state, config):
-        begin = time.perf_counter()
-        drawn = everything
-        if size < tasks.num_tasks:  # distinct ones, uniformly (the paper's P(M))
-            drawn = everything.some(torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy())
-        problem = partial(
-            outer_objective,
-            drawn,
-            network,
-            rule=rule,
-            variance=state.variance,
-            config=config,
-            horizon=tasks.horizon,
-        )
-        with one_blas_thread():
+    with one_blas_thread():
+        while state.update < config.updates and not _on_plateau(state, config):
+            begin = time.perf_counter()
+            drawn = everything
+            if size < tasks.num_tasks:  # distinct ones, uniformly (the paper's P(M))
+                drawn = everything.some(
+                    torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy()
+                )
+            problem = partial(
+                outer_objective,
+                drawn,
+                network,
+                rule=rule,
+                variance=state.variance,
+                config=config,
+                horizon=tasks.horizon,
+            )
             metrics = _update(problem, tasks.horizon, config, state, begin)
-        if metrics is None:
-            return
-        yield metrics
+            if metrics is None:
+                return
+            yield metrics
 
 
 def _on_plateau(state: TrainingState, config: TrainingConfig) -> bool:
@@ -176,7 +181,7 @@ def _update(
     weight = theta.dtype.type(_entropy_weight(config, state.update) * math.sqrt(variance))
     gradient: Array = found.theta + weight * found.entropy
     of_sizes = found.sizes
-    norm = math.hypot(float(np.linalg.norm(gradient)), float(np.linalg.norm(of_sizes)))
+    norm = _norm(gradient, of_sizes)
     if not math.isfinite(norm):
         _give_up(state)
         return None
@@ -228,10 +233,15 @@ def _set_learning_rates(state: TrainingState, config: TrainingConfig) -> float:
 
 def _ascend(state: TrainingState, gradient: Array, of_sizes: Array, config: TrainingConfig) -> None:
     """A step of the optimizer, which descends, on all that it is for."""
-    state.theta.grad, state.log_step_sizes.grad = torch.from_numpy(-gradient), torch.from_numpy(-of_sizes)
-    leaves = [leaf for group in state.optimizer.param_groups for leaf in group["params"]]
-    torch.nn.utils.clip_grad_norm_(leaves, config.max_gradient_norm)
+    scale = min(1.0, config.max_gradient_norm / max(_norm(gradient, of_sizes), LEAST_NORM))
+    downhill = gradient.dtype.type(-scale)
+    state.theta.grad = torch.from_numpy(downhill * gradient)
+    state.log_step_sizes.grad = torch.from_numpy(downhill * of_sizes)
     state.optimizer.step()
+
+
+def _norm(gradient: Array, of_sizes: Array) -> float:
+    return math.hypot(float(np.linalg.norm(gradient)), float(np.linalg.norm(of_sizes)))
 
 
 def _remember(state: TrainingState, variance: float, adapted_return: float) -> None:

@@ -170,18 +170,14 @@ def _linear_baseline(
 
     The states' block of the normal equations is diagonal: eliminating it leaves 4 equations.
     """
-    in_state, of_state = _state_sums(episodes.state, episodes.active, to_go, features, num_states)
-    weights = episodes.active.sum(axis=1)[:, np.newaxis]
-    damped = in_state / (in_state[..., 3:] + ridge)
-    matrix = (features.T * weights) @ features + ridge * np.eye(4) - damped.mT @ in_state
-    targets = np.einsum("nbt,nbt->nt", to_go, episodes.active)
-    right = targets @ features - np.einsum("nsf,ns->nf", damped, of_state)
-    of_time = np.linalg.solve(matrix, right[..., np.newaxis])
-    residual = of_state - (in_state @ of_time)[..., 0]
-    per_state = residual / (in_state[..., 3] + ridge)
-    number = np.arange(len(to_go))[:, np.newaxis, np.newaxis]
-    values = per_state[number, episodes.state] + (features @ of_time).mT
-    return (values * episodes.active).astype(to_go.dtype)
+    in_state, of_state, counts, of_steps = _step_sums(
+        episodes.state, episodes.active, to_go, features, num_states
+    )
+    matrix, right = _normal_equations(in_state, of_state, counts, of_steps, features, ridge)
+    of_time = np.linalg.solve(matrix, right[..., np.newaxis])[..., 0]
+    per_state = (of_state - np.einsum("nsf,nf->ns", in_state, of_time)) / (in_state[..., 3] + ridge)
+    trend = of_time @ features.T
+    return _fitted(episodes.state, episodes.active, per_state, trend, np.zeros_like(to_go))
 
 
 @compiled
@@ -266,18 +262,54 @@ def _discounted_sums(terms: Array, discount: float) -> Array:
 
 
 @compiled
-def _state_sums(
+def _step_sums(
     state: Numbers, active: Bools, to_go: Array, features: Array, num_states: int
-) -> tuple[Array, Array]:
-    """Sums over the active steps in each state: features of time [N, S, 4], returns-to-go [N, S]."""
+) -> tuple[Array, Array, Array, Array]:
+    """Sums over active steps: features [N, S, 4], returns-to-go [N, S]; counts and returns by time."""
     num_tasks, num_episodes, horizon = to_go.shape
     in_state, of_state = np.zeros((num_tasks, num_states, 4)), np.zeros((num_tasks, num_states))
+    counts, of_steps = np.zeros((num_tasks, horizon)), np.zeros((num_tasks, horizon))
     for n in range(num_tasks):
         for b in range(num_episodes):
             for t in range(horizon):
                 if active[n, b, t]:
                     s = state[n, b, t]
                     of_state[n, s] += to_go[n, b, t]
+                    counts[n, t] += 1
+                    of_steps[n, t] += to_go[n, b, t]
                     for i in range(4):
                         in_state[n, s, i] += features[t, i]
-    return in_state, of_state
+    return in_state, of_state, counts, of_steps
+
+
+@compiled
+def _normal_equations(
+    in_state: Array, of_state: Array, counts: Array, of_steps: Array, features: Array, ridge: float
+) -> tuple[Array, Array]:
+    """Those of the features of time, float64 [N, 4, 4] and [N, 4], with the states' eliminated."""
+    num_tasks, num_states, _ = in_state.shape
+    matrix, right = np.zeros((num_tasks, 4, 4)), np.zeros((num_tasks, 4))
+    for n in range(num_tasks):
+        for i in range(4):
+            matrix[n, i, i] = ridge
+            for t in range(len(features)):
+                right[n, i] += features[t, i] * of_steps[n, t]
+                for j in range(4):
+                    matrix[n, i, j] += counts[n, t] * features[t, i] * features[t, j]
+            for s in range(num_states):
+                part = in_state[n, s, i] / (in_state[n, s, 3] + ridge)
+                right[n, i] -= part * of_state[n, s]
+                for j in range(4):
+                    matrix[n, i, j] -= part * in_state[n, s, j]
+    return matrix, right
+
+
+@compiled
+def _fitted(state: Numbers, active: Bools, per_state: Array, trend: Array, fitted: Array) -> Array:
+    """`fitted` [N, B, T] filled with the sum of state's and time's parts where active."""
+    for n in range(state.shape[0]):
+        for b in range(state.shape[1]):
+            for t in range(state.shape[2]):
+                if active[n, b, t]:
+                    fitted[n, b, t] = per_state[n, state[n, b, t]] + trend[n, t]
+    return fitted

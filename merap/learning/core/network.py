@@ -168,7 +168,6 @@ def pullback_dot(
     Returns:
         float [N, P], or [P].
     """
-    product = _summed_product if summed else np.matmul
     if summed:
         cotangent_dot = cotangent_dot.sum(axis=0)
     result = np.empty((*cotangent_dot.shape[:-2], theta.shape[-1]), dtype=theta.dtype)
@@ -179,9 +178,10 @@ def pullback_dot(
         signal = tangent.inputs[layer]
         if signal is not None:
             cotangent = cotangents[layer]
-            of_weight += product(signal.mT, cotangent)
+            of_direction = network.weight(direction, layer)
+            of_weight += _summed_outer(signal, cotangent) if summed else signal.mT @ cotangent
             spread = cotangent_dot @ of_theta.mT
-            spread += product(cotangent, network.weight(direction, layer).mT)
+            spread += (_summed_product if summed else np.matmul)(cotangent, of_direction.mT)
             spread *= at.slopes[layer - 1]
             if network.activation != "relu":
                 bent = (cotangent @ of_theta.mT) * tangent.totals[layer - 1]
@@ -203,7 +203,19 @@ def _affine(signal: Array | None, theta: Array, network: Network, layer: int) ->
 
 def _outer(signal: Array | None, cotangent: Array) -> Array:
     """[.., inputs, outputs]: sum over states of signal times cotangent."""
-    return cotangent if signal is None else signal.mT @ cotangent
+    if signal is None:
+        return cotangent
+    if signal.ndim < cotangent.ndim:  # all tasks share the signal: one product for all
+        columns = np.moveaxis(cotangent, 0, 1).reshape(len(signal), -1)
+        product = (signal.T @ columns).reshape(-1, *cotangent.shape[::2])
+        return np.moveaxis(product, 1, 0)
+    return signal.mT @ cotangent
+
+
+def _summed_outer(signal: Array, cotangent: Array) -> Array:
+    """[inputs, outputs]: sum over tasks and states."""
+    product: Array = signal.reshape(-1, signal.shape[-1]).T @ cotangent.reshape(-1, cotangent.shape[-1])
+    return product
 
 
 def _summed_product(left: Array, right: Array) -> Array:

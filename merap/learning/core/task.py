@@ -34,6 +34,20 @@ class Tasks(NamedTuple):
     expected: Array
     earliest: Times
 
+    @property
+    def target(self) -> Successors:
+        """uint32 [N, S, M], the successors of all M = A K branches of a state."""
+        return self.successor.reshape(*self.live.shape, -1)
+
+    def chain(self, policy: Array) -> Array:
+        """float [N, S, M], discounted probability to go on along a branch; linear in a policy [N, S, A]."""
+        chain: Array = policy[..., np.newaxis] * self.weight
+        return chain.reshape(*self.live.shape, -1)
+
+    def at_targets(self, of_states: Array) -> Array:
+        """float [N, S, M] of float [N, S]."""
+        return of_states[np.arange(len(of_states))[:, np.newaxis, np.newaxis], self.target]
+
     def some(self, index: slice | Numbers) -> Tasks:
         """Some of the tasks."""
         return Tasks(**{name: array[index] for name, array in self._asdict().items()})

@@ -10,7 +10,7 @@ dJ/dpi(s, a) = sum_t d_t(s) Q_T-t(s, a) with the discounted probability d_t to b
 direction. No state is looked at before an episode can have got there: V_h is worked out where T - h
 steps can lead.
 
-Over an infinite horizon see `fixed_point`.
+Over an infinite horizon see `fixed_point`. M = A K are the branches of a state.
 """
 
 from __future__ import annotations
@@ -56,68 +56,80 @@ def values(policy: Array, tasks: Tasks, horizon: int) -> Values:
         tasks: N of them.
         horizon: T; 0: infinite.
     """
+    chain, gains = tasks.chain(policy), _gains(policy, tasks)
     if horizon:
-        to_go = _to_go(policy, tasks.weight, tasks.expected, tasks.successor, tasks.earliest, horizon)
-        occupancy, gradient = _occupancy(
-            policy, to_go, tasks.initial, tasks.weight, tasks.expected, tasks.successor, tasks.earliest
-        )
+        to_go = _to_go(gains, chain, tasks.target, tasks.earliest, horizon)
+        occupancy, met = _occupancy(tasks.initial, chain, tasks.target, tasks.earliest, to_go)
+        gradient = _of_actions(occupancy[:, :-1].sum(axis=1), met, tasks)
     else:
-        to_go, occupancy, gradient = fixed_point.values(policy, tasks)
+        to_go = fixed_point.solved_values(gains, chain, tasks.target)[:, np.newaxis]
+        occupancy = fixed_point.solved_visits(tasks.initial, chain, tasks.target)[:, np.newaxis]
+        gradient = _of_actions(occupancy[:, 0], _met(occupancy[:, 0], to_go[:, 0], tasks), tasks)
     return Values(np.einsum("ns,ns->n", tasks.initial, to_go[:, -1]), to_go, occupancy, gradient)
 
 
 def hessian_product(policy: Array, found: Values, direction: Array, tasks: Tasks) -> Array:
     """float [N, S, A]: the Hessian of J with respect to pi times a direction [N, S, A]."""
-    if found.to_go.shape[1] == 1:
-        return fixed_point.hessian_product(policy, found.to_go, found.occupancy, direction, tasks)
-    arrays = (tasks.weight, tasks.expected, tasks.successor, tasks.earliest)
-    to_go_dot = _to_go_dot(policy, direction, found.to_go, *arrays)
-    return _occupancy_dot(policy, direction, found.to_go, to_go_dot, found.occupancy, *arrays)
+    chain, chain_dot, gains_dot = tasks.chain(policy), tasks.chain(direction), _gains(direction, tasks)
+    if found.to_go.shape[1] > 1:
+        arrays = (tasks.target, tasks.earliest, found.to_go)
+        to_go_dot = _to_go_dot(gains_dot, chain, chain_dot, *arrays)
+        visits_dot, met_dot = _occupancy_dot(chain, chain_dot, *arrays, to_go_dot, found.occupancy)
+        return _of_actions(visits_dot, met_dot, tasks)
+    to_go, visits = found.to_go[:, 0], found.occupancy[:, 0]
+    gains_dot = gains_dot + np.einsum("nsm,nsm->ns", chain_dot, tasks.at_targets(to_go))
+    to_go_dot = fixed_point.solved_values(gains_dot, chain, tasks.target)
+    arrivals = fixed_point.arrivals(chain_dot, visits, tasks.target)
+    visits_dot = fixed_point.solved_visits(arrivals, chain, tasks.target)
+    met_dot = _met(visits_dot, to_go, tasks) + _met(visits, to_go_dot, tasks)
+    return _of_actions(visits_dot, met_dot, tasks)
+
+
+def _gains(policy: Array, tasks: Tasks) -> Array:
+    """float [N, S], expected reward of a step."""
+    gains: Array = np.einsum("nsa,nsa->ns", policy, tasks.expected)
+    return gains
+
+
+def _of_actions(visits: Array, met: Array, tasks: Tasks) -> Array:
+    """float [N, S, A]: visits(s) r(s, a) + sum_k w(s, a, k) met(s, a, k)."""
+    following = np.einsum("nsak,nsak->nsa", tasks.weight, met.reshape(tasks.weight.shape))
+    product: Array = visits[..., np.newaxis] * tasks.expected
+    product += following
+    return product
+
+
+def _met(visits: Array, to_go: Array, tasks: Tasks) -> Array:
+    """float [N, S, M]: visits(s) V(s'_m)."""
+    met: Array = visits[..., np.newaxis] * tasks.at_targets(to_go)
+    return met
 
 
 @compiled
-def _to_go(
-    policy: Array, weight: Array, expected: Array, successor: Successors, earliest: Times, horizon: int
-) -> Array:
-    """V_h [N, T + 1, S]."""
-    num_tasks, num_states, num_actions, num_successors = weight.shape
-    num_branches = num_actions * num_successors
-    to_go = np.zeros((num_tasks, horizon + 1, num_states), dtype=policy.dtype)
-    gains = np.zeros(num_states, dtype=policy.dtype)
-    chain = np.zeros((num_states, num_branches), dtype=policy.dtype)
+def _to_go(gains: Array, chain: Array, target: Successors, earliest: Times, horizon: int) -> Array:
+    """V_h [N, T + 1, S] of gains [N, S]."""
+    num_tasks, num_states, num_branches = chain.shape
+    to_go = np.zeros((num_tasks, horizon + 1, num_states), dtype=chain.dtype)
     for n in range(num_tasks):
-        for s in range(num_states):
-            gains[s] = 0
-            for a in range(num_actions):
-                gains[s] += policy[n, s, a] * expected[n, s, a]
-                for k in range(num_successors):
-                    chain[s, a * num_successors + k] = policy[n, s, a] * weight[n, s, a, k]
-        target = successor[n].reshape(num_states, num_branches)
         for h in range(horizon):
             before, after = to_go[n, h], to_go[n, h + 1]
             for s in range(num_states):
                 if earliest[n, s] < horizon - h:
-                    value = gains[s]
+                    value = gains[n, s]
                     for m in range(num_branches):
-                        value += chain[s, m] * before[target[s, m]]
+                        value += chain[n, s, m] * before[target[n, s, m]]
                     after[s] = value
     return to_go
 
 
 @compiled
 def _occupancy(
-    policy: Array,
-    to_go: Array,
-    initial: Array,
-    weight: Array,
-    expected: Array,
-    successor: Successors,
-    earliest: Times,
+    initial: Array, chain: Array, target: Successors, earliest: Times, to_go: Array
 ) -> tuple[Array, Array]:
-    """d_t [N, T + 1, S] and dJ/dpi [N, S, A]."""
-    num_tasks, num_states, num_actions, num_successors = weight.shape
+    """d_t [N, T + 1, S], and sum_t d_t(s) V_T-1-t(s'_m) [N, S, M]."""
+    num_tasks, num_states, num_branches = chain.shape
     horizon = to_go.shape[1] - 1
-    occupancy, gradient = np.zeros_like(to_go), np.zeros_like(policy)
+    occupancy, met = np.zeros_like(to_go), np.zeros_like(chain)
     for n in range(num_tasks):
         occupancy[n, 0] = initial[n]
         for t in range(horizon):
@@ -125,28 +137,19 @@ def _occupancy(
             for s in range(num_states):
                 if earliest[n, s] <= t:
                     mass = present[s]
-                    for a in range(num_actions):
-                        worth, moved = expected[n, s, a], mass * policy[n, s, a]
-                        for k in range(num_successors):
-                            target, part = successor[n, s, a, k], weight[n, s, a, k]
-                            worth += part * ahead[target]
-                            following[target] += moved * part
-                        gradient[n, s, a] += mass * worth
-    return occupancy, gradient
+                    for m in range(num_branches):
+                        to = target[n, s, m]
+                        met[n, s, m] += mass * ahead[to]
+                        following[to] += mass * chain[n, s, m]
+    return occupancy, met
 
 
 @compiled
 def _to_go_dot(
-    policy: Array,
-    direction: Array,
-    to_go: Array,
-    weight: Array,
-    expected: Array,
-    successor: Successors,
-    earliest: Times,
+    gains_dot: Array, chain: Array, chain_dot: Array, target: Successors, earliest: Times, to_go: Array
 ) -> Array:
-    """V._h = sum_a pi. Q_h + pi sum_k w V._h-1 from V._0 = 0; [N, T + 1, S]."""
-    num_tasks, num_states, num_actions, num_successors = weight.shape
+    """V._h = r. + C. V_h-1 + C V._h-1 from V._0 = 0; [N, T + 1, S]."""
+    num_tasks, num_states, num_branches = chain.shape
     horizon = to_go.shape[1] - 1
     to_go_dot = np.zeros_like(to_go)
     for n in range(num_tasks):
@@ -154,34 +157,31 @@ def _to_go_dot(
             before, before_dot, after_dot = to_go[n, h], to_go_dot[n, h], to_go_dot[n, h + 1]
             for s in range(num_states):
                 if earliest[n, s] < horizon - h:
-                    total = policy.dtype.type(0)
-                    for a in range(num_actions):
-                        worth, worth_dot = expected[n, s, a], policy.dtype.type(0)
-                        for k in range(num_successors):
-                            target, part = successor[n, s, a, k], weight[n, s, a, k]
-                            worth += part * before[target]
-                            worth_dot += part * before_dot[target]
-                        total += direction[n, s, a] * worth + policy[n, s, a] * worth_dot
-                    after_dot[s] = total
+                    value = gains_dot[n, s]
+                    for m in range(num_branches):
+                        to = target[n, s, m]
+                        value += chain_dot[n, s, m] * before[to] + chain[n, s, m] * before_dot[to]
+                    after_dot[s] = value
     return to_go_dot
 
 
 @compiled
 def _occupancy_dot(
-    policy: Array,
-    direction: Array,
+    chain: Array,
+    chain_dot: Array,
+    target: Successors,
+    earliest: Times,
     to_go: Array,
     to_go_dot: Array,
     occupancy: Array,
-    weight: Array,
-    expected: Array,
-    successor: Successors,
-    earliest: Times,
-) -> Array:
-    """sum_t d._t Q_T-t + d_t Q._T-t, where d._t+1(s') sums w (d._t pi + d_t pi.) from d._0 = 0; [N, S, A]."""
-    num_tasks, num_states, num_actions, num_successors = weight.shape
+) -> tuple[Array, Array]:
+    """sum_t d._t(s) [N, S] and sum_t d._t(s) V_T-1-t(s'_m) + d_t(s) V._T-1-t(s'_m) [N, S, M].
+
+    With d._t+1 = C.' d_t + C' d._t from d._0 = 0.
+    """
+    num_tasks, num_states, num_branches = chain.shape
     horizon = to_go.shape[1] - 1
-    result = np.zeros_like(policy)
+    visits_dot, met_dot = np.zeros_like(to_go[:, 0]), np.zeros_like(chain)
     present_dot, following_dot = np.zeros_like(to_go[0, 0]), np.zeros_like(to_go[0, 0])
     for n in range(num_tasks):
         present_dot[:] = 0
@@ -191,14 +191,10 @@ def _occupancy_dot(
             for s in range(num_states):
                 if earliest[n, s] <= t:
                     mass, mass_dot = occupancy[n, t, s], present_dot[s]
-                    for a in range(num_actions):
-                        worth, worth_dot = expected[n, s, a], policy.dtype.type(0)
-                        moved_dot = mass_dot * policy[n, s, a] + mass * direction[n, s, a]
-                        for k in range(num_successors):
-                            target, part = successor[n, s, a, k], weight[n, s, a, k]
-                            worth += part * ahead[target]
-                            worth_dot += part * ahead_dot[target]
-                            following_dot[target] += moved_dot * part
-                        result[n, s, a] += mass_dot * worth + mass * worth_dot
+                    visits_dot[n, s] += mass_dot
+                    for m in range(num_branches):
+                        to = target[n, s, m]
+                        met_dot[n, s, m] += mass_dot * ahead[to] + mass * ahead_dot[to]
+                        following_dot[to] += mass_dot * chain[n, s, m] + mass * chain_dot[n, s, m]
             present_dot, following_dot = following_dot, present_dot
-    return result
+    return visits_dot, met_dot
