@@ -304,3 +304,26 @@ def test_signals_of_the_core_are_those_of_torch() -> None:
     table = policy_table(setting.network, setting.parameters, every)
     np.testing.assert_allclose(torch.softmax(torch.from_numpy(found), dim=-1), table, rtol=1e-12)
     assert rollout(table.expand(3, -1, -1) * setting.tasks.enabled, sampler(setting.tasks), 2, seeded(0))
+
+
+@pytest.mark.parametrize("features", [False, True])
+def test_where_nobody_was_nothing_counts(features: bool) -> None:
+    """Judgement and curvature on the states that episodes have seen are those on all states."""
+    setting = _setting(_config("sampled", 2).model_copy(update={"episodes": 2}))
+    if features:
+        table = torch.randn(setting.tasks.num_states, 5, generator=seeded(1), dtype=torch.float64)
+        network = PolicyNetwork(setting.tasks.num_states, 6, (4,), "softplus", table)
+        theta = array_of(flat(random_parameters(network, 0)))
+        setting = replace(setting, network=network, theta=theta)
+    _, drawn, _ = setting.drawn()
+    objective = setting.objective()
+    part, known, entries = objective.on_counting_states(drawn)
+    assert part.problems[0].tasks.enabled.shape[1] < setting.tasks.num_states
+    direction = np.zeros_like(setting.theta)
+    direction[entries] = np.random.default_rng(0).standard_normal(len(entries))
+    whole = objective.curvature(setting.theta, drawn)(direction)
+    found = part.curvature(setting.theta[entries], known)(direction[entries])
+    np.testing.assert_allclose(found, whole[entries], rtol=1e-9, atol=1e-12)
+    assert np.all(np.delete(whole, entries) == 0)
+    moved = setting.theta + 0.01 * direction
+    assert part.judge(moved[entries], known) == pytest.approx(objective.judge(moved, drawn), rel=1e-9)

@@ -18,8 +18,9 @@ from torch import Tensor
 
 from merap.learning.config import TrainingConfig
 from merap.learning.core import meta as core
-from merap.learning.core.jit import Array
+from merap.learning.core.jit import Array, Numbers
 from merap.learning.core.network import Network
+from merap.learning.core.restrict import counting_entries, counting_states, restricted
 from merap.learning.core.task import Tasks
 from merap.learning.gradient_step import StepRule
 from merap.learning.layout import per_entry, per_parameter
@@ -130,6 +131,25 @@ class Objective:
         return self._mean(
             on_threads([partial(core.differentiate_again, problem, theta, mine) for problem, mine in pairs])
         )
+
+    def on_counting_states(
+        self, drawn: Sequence[core.Drawn]
+    ) -> tuple[Objective, Sequence[core.Drawn], Numbers]:
+        """The objective by episodes where they have been, what was drawn there, and its entries of theta.
+
+        Elsewhere there is neither gradient nor divergence. Exact returns depend on every state.
+        """
+        network = self.problems[0].network
+        if self.problems[0].exact:
+            return self, drawn, np.arange(network.bounds[-1][2])
+        states = np.unique(np.concatenate([counting_states(mine) for mine in drawn]))
+        entries = counting_entries(network, states)
+        pairs = [
+            restricted(problem, mine, states, entries)
+            for problem, mine in zip(self.problems, drawn, strict=True)
+        ]
+        problems, known = zip(*pairs, strict=True)
+        return Objective(problems), known, entries
 
     def judge(self, theta: Array, drawn: Sequence[core.Drawn]) -> tuple[float, float]:
         """What the policies adapted from theta are worth, and their divergence from those drawn, in nats."""

@@ -48,6 +48,16 @@ def trust_region_step(
         drawn: what it was made from.
         config: the bound on the divergence, and how it is searched.
     """
+    part, known, entries = objective.on_counting_states(drawn)
+    found = _step(part, theta[entries], gradient[entries], known, config)
+    moved = theta.copy()
+    moved[entries] = found.theta
+    return TrustRegionStep(moved, found.kl, found.length)
+
+
+def _step(
+    objective: Objective, theta: Array, gradient: Array, drawn: Sequence[Drawn], config: TrainingConfig
+) -> TrustRegionStep:
     product = objective.curvature(theta, drawn)
 
     def damped(direction: Array) -> Array:

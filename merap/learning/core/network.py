@@ -203,13 +203,7 @@ def _affine(signal: Array | None, theta: Array, network: Network, layer: int) ->
 
 def _outer(signal: Array | None, cotangent: Array) -> Array:
     """[.., inputs, outputs]: sum over states of signal times cotangent."""
-    if signal is None:
-        return cotangent
-    if signal.ndim < cotangent.ndim:  # all tasks share the signal: one product for all
-        columns = np.moveaxis(cotangent, 0, 1).reshape(len(signal), -1)
-        product = (signal.T @ columns).reshape(-1, *cotangent.shape[::2])
-        return np.moveaxis(product, 1, 0)
-    return signal.mT @ cotangent
+    return cotangent if signal is None else signal.mT @ cotangent
 
 
 def _summed_outer(signal: Array, cotangent: Array) -> Array:
