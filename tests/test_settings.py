@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from merap.errors import InputError
-from merap.learning.config import TrainingConfig
+from merap.learning.config import SAMPLED_DEFAULTS, TrainingConfig
 from merap.learning.settings import read_config
 
 
@@ -119,3 +120,14 @@ def test_a_file_is_read_strictly(tmp_path: Path) -> None:
     assert "settings.yaml:1: " in refused(written(tmp_path, "- updates"))
     assert "settings.yaml:2: " in refused(written(tmp_path, "seed: 1\nupdates: [1"))
     assert "settings.yaml:2" in refused(written(tmp_path, "updates: 1\nupdates: 2"))
+
+
+def test_the_documentation_names_every_setting_and_its_default() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "learning.md").read_text(encoding="utf-8")
+    section = page.partition("## Settings")[2].partition("## Reading")[0]
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*?) (?:\(sampled: [^|]*\) )?\|", section, re.MULTILINE))
+    for name, field in TrainingConfig.model_fields.items():
+        default = list(field.default) if isinstance(field.default, tuple) else field.default
+        assert rows[name].lower() == str(default).lower(), name
+    for name, default in SAMPLED_DEFAULTS.items():
+        assert f"| `{name}` | {TrainingConfig.model_fields[name].default} (sampled: {default}) |" in page

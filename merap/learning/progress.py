@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-
-import numpy as np
+from statistics import pvariance
 
 # Updates whose mean is compared: enough to smooth the draw of tasks and episodes.
 WINDOW = 10
@@ -54,7 +53,7 @@ class Progress:
         if self.best_update and not score > self.best_score + gain:
             return False
         self.best_update, self.best_score = self._updates, score
-        self._best_variance = float(np.var(self._last))
+        self._best_variance = pvariance(self._last)
         return True
 
     @property
@@ -72,7 +71,7 @@ class Progress:
         """Whether the last window has fallen clearly below the best one."""
         if not self.best_update:
             return False
-        error = math.sqrt((np.var(self._last) + self._best_variance) / WINDOW)
+        error = math.sqrt((pvariance(self._last) + self._best_variance) / WINDOW)
         return self.best_score - self.score > max(COLLAPSE * self._ground, CERTAIN * error)
 
     @property

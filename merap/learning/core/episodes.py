@@ -108,12 +108,14 @@ def surrogate(episodes: Episodes, blame: Array | None, judgement: Judgement, sha
     num_episodes = episodes.state.shape[1]
     advantage = advantages(episodes, shape[1], judgement)
     count = np.maximum(episodes.active.sum(axis=(1, 2)), 1)
-    centred = advantage - (advantage.sum(axis=(1, 2)) / count)[:, np.newaxis, np.newaxis]
-    variance = np.einsum("nbt,nbt,nbt->n", centred, centred, episodes.active) / count
+    mean = advantage.sum(axis=(1, 2)) / count
+    centred = advantage - mean.astype(advantage.dtype)[:, np.newaxis, np.newaxis]
+    centred *= episodes.active
+    variance = np.einsum("nbt,nbt->n", centred, centred, dtype=np.float64) / count
     weight = judgement.variance_weight
     shrunk = (num_episodes * variance + weight * judgement.variance) / (num_episodes + weight)
     unit = np.sqrt(shrunk + LEAST_DEVIATION**2) * count
-    centred /= unit[:, np.newaxis, np.newaxis]
+    centred /= unit.astype(advantage.dtype)[:, np.newaxis, np.newaxis]
     everything = np.ones((1, 1, 1), dtype=advantage.dtype) if blame is None else blame
     gradient = _summed_up(
         episodes.state, episodes.action, episodes.active, centred, np.broadcast_to(everything, shape)
