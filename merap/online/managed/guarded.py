@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -150,19 +150,11 @@ class GuardedSystem:
     def _in_time(self, worker: Worker, call: Callable[[], Observation]) -> Observation:
         """The outcome of the call that is late, if there is one, else of this one."""
         future = self._late or worker.submit(call)
-        try:
-            observation = future.result(self._deadline)
-        except TimeoutError:
-            if future.done():
-                self._late = None
-                raise
-            self._late = future
-            raise SystemFault("timeout", f"the system has not answered within {self._deadline:g} s") from None
-        except BaseException:
-            self._late = None
-            raise
-        self._late = None
-        return observation
+        answered, _ = wait([future], self._deadline)
+        self._late = None if answered else future
+        if not answered:
+            raise SystemFault("timeout", f"the system has not answered within {self._deadline:g} s")
+        return future.result()
 
 
 def _repeatable(error: BaseException) -> bool:
