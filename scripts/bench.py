@@ -1,4 +1,5 @@
-"""Measure merap: bench.py export | learning | growth | adaptation | online | trigger | shield [--json FILE].
+"""Measure merap: bench.py export | learning | growth | adaptation | online | belief | trigger |
+shield [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -11,6 +12,7 @@ import time
 from itertools import chain
 from pathlib import Path
 
+import bench_belief
 import bench_learning
 import bench_online
 import bench_shield
@@ -50,6 +52,7 @@ rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
 app.command()(bench_learning.learning)
 app.command()(bench_learning.growth)
 app.command()(bench_online.online)
+app.add_typer(bench_belief.app, name="belief")
 app.command()(bench_trigger.trigger)
 app.command()(bench_shield.shield)
 
