@@ -2,12 +2,46 @@
 
 from __future__ import annotations
 
+import io
+import subprocess
 import sys
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import pytest
 
 from merap.cli.main import main
+
+
+def command(*arguments: object) -> list[str]:
+    """What starts `merap` in a process of its own, for what is killed or serves."""
+    return [sys.executable, "-m", "merap", *map(str, arguments)]
+
+
+def merap(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """A call of `merap`, as `subprocess.run` reports it."""
+    words = ["merap", *map(str, arguments)]
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        patch.object(sys, "argv", words),
+        redirect_stdout(out),
+        redirect_stderr(err),
+        warnings.catch_warnings(),  # main ignores all of them
+        pytest.raises(SystemExit) as ended,
+    ):
+        main()
+    return subprocess.CompletedProcess(words, int(ended.value.code or 0), out.getvalue(), err.getvalue())
+
+
+def refused(*arguments: object) -> str:
+    """The one clear line of a refusal."""
+    done = merap(*arguments)
+    assert (done.returncode, done.stdout) == (2, ""), done
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("error: ")
+    return line
 
 
 @dataclass(frozen=True)

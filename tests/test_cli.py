@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import jsonschema
@@ -14,25 +12,11 @@ from ruamel.yaml import YAML
 
 from merap.concerns.case_study import load_case
 from merap.concerns.synthesis import synthesise
+from tests.command_line import merap, refused
 
 MODELS = Path(__file__).parents[1] / "models"
 GRID = MODELS / "paper-grid" / "rq1-3.yaml"
 RUNNING = MODELS / "running-example"
-
-
-def merap(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "merap", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-
-
-def refused(done: subprocess.CompletedProcess[str]) -> str:
-    """The one clear line of a refusal."""
-    assert done.returncode == 2, done
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("error: ")
-    assert done.stdout == ""
-    return lines[0]
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -58,7 +42,7 @@ def test_render_writes_the_eighteen_models_and_the_same_bytes_twice(tmp_path: Pa
 
 def test_render_refuses_a_folder_that_holds_something_else(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
-    assert "thesis.tex" in refused(merap("render", GRID, "-o", tmp_path))
+    assert "thesis.tex" in refused("render", GRID, "-o", tmp_path)
     assert set(tree(tmp_path)) == {"thesis.tex"}
 
 
@@ -80,7 +64,7 @@ def test_verify_reports_verdicts(tmp_path: Path) -> None:
 def test_verify_does_not_write_over_a_report(tmp_path: Path) -> None:
     report = tmp_path / "verdicts.json"
     report.write_text("mine")
-    assert str(report) in refused(merap("verify", GRID, "--property", "reach", "--json", report))
+    assert str(report) in refused("verify", GRID, "--property", "reach", "--json", report)
     assert report.read_text() == "mine"
 
 
@@ -96,7 +80,7 @@ def test_a_false_verdict_exits_with_1_and_says_what_cuts_the_goal_off(tmp_path: 
 
 def test_a_base_too_large_to_enumerate_is_refused_with_count_and_limit(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    line = refused(merap("render", MODELS / "paper-grid" / "rq1-4.yaml", "-o", out))
+    line = refused("render", MODELS / "paper-grid" / "rq1-4.yaml", "-o", out)
     assert "27027" in line
     assert "10000" in line
     assert not out.exists()
@@ -123,7 +107,7 @@ def test_difference_weighs_its_terms(tmp_path: Path) -> None:
 
 
 def test_an_unknown_system_is_refused_with_what_there_is() -> None:
-    line = refused(merap("difference", GRID, "--system", "mett"))
+    line = refused("difference", GRID, "--system", "mett")
     assert "'mett'" in line
     assert "met" in line
 
@@ -164,7 +148,7 @@ def test_doctor_names_what_is_there() -> None:
 
 
 def test_a_missing_file_is_one_line() -> None:
-    assert "nowhere.yaml" in refused(merap("validate", "nowhere.yaml"))
+    assert "nowhere.yaml" in refused("validate", "nowhere.yaml")
 
 
 def test_wrong_usage_exits_with_2() -> None:

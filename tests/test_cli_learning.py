@@ -1,4 +1,4 @@
-"""`train` and `adapt` as a user calls them: each call is a process of its own."""
+"""`train` and `adapt` as a user calls them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 
 from merap.learning.config import TrainingConfig
 from merap.learning.run_folder import RunFolder, read_run
+from tests.command_line import command, merap, refused
 from tests.trained_runs import (
     ONE_OF_THREE,
     SMALL,
@@ -28,25 +28,6 @@ from tests.trained_runs import (
 # Long enough to be killed in the middle ten times.
 LONG = TrainingConfig(updates=6_000, hidden=(4,), episodes=5)
 KILLS = 10
-
-
-def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "merap", *map(str, arguments)]
-
-
-def merap(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
-
-
-def refused(*arguments: str | Path) -> str:
-    """The one clear line of a refusal."""
-    done = merap(*arguments)
-    assert done.returncode == 2, done
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("error: ")
-    assert done.stdout == ""
-    return lines[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""`merap run` as a user calls it: each call is a process of its own."""
+"""`merap run` as a user calls it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 
 from merap.learning.run_folder import RunFolder
 from merap.online.knowledge.base import open_knowledge
+from tests.command_line import command, merap, refused
 from tests.loop_runs import MOVED
-from tests.test_cli_learning import command, merap, refused
 from tests.trained_runs import contents, trained
 
 

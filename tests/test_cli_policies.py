@@ -11,7 +11,7 @@ from merap.checker.storm import build_file
 from merap.cli.policies import PolicyFormat, export_policy
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
-from tests.test_cli_learning import merap, refused
+from tests.command_line import merap, refused
 from tests.trained_runs import trained
 
 

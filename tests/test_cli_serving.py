@@ -1,11 +1,10 @@
-"""`serve` and `manage` as a user calls them: each call is a process of its own."""
+"""`serve` and `manage` as a user calls them."""
 
 from __future__ import annotations
 
 import json
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,18 +12,11 @@ import httpx
 import pytest
 
 from merap.learning.config import TrainingConfig
+from tests.command_line import command, merap
 from tests.http_servers import free_port
 from tests.trained_runs import trained
 
 RUNNING = Path("models/running-example")
-
-
-def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "merap", *map(str, arguments)]
-
-
-def merap(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
 
 
 def error_of(done: subprocess.CompletedProcess[str]) -> str:
@@ -54,7 +46,7 @@ def test_a_run_manages_a_system_that_is_served(
     _, url = server
     run = trained(tmp_path / "run", TrainingConfig(updates=2, hidden=(4,), episodes=2), RUNNING)
     report = tmp_path / "report.json"
-    done = merap("manage", run.path, url, "--strategy", "retrieval", "--episodes", 2, "--json", report)  # type: ignore[arg-type]
+    done = merap("manage", run.path, url, "--strategy", "retrieval", "--episodes", 2, "--json", report)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert [line.split(":")[0] for line in lines[:3]] == ["episode 1", "episode 2", "faults"]

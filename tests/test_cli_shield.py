@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from merap.learning.run_folder import RunFolder
+from tests.command_line import merap
 from tests.trained_runs import MODELS, trained
 
 HAZARDS = MODELS.parent / "hazard-grid" / "case.yaml"
-
-
-def adapt(run: RunFolder, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "merap", "adapt", str(run.path), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +22,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFolder, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     options = ("--episodes-per-step", "3", "--steps", "1", "--seeds", "0:2")
-    done = adapt(run, *options, "--shield", "0", "--json", report)
+    done = merap("adapt", run.path, *options, "--shield", "0", "--json", report)
     assert done.returncode == 0, done.stderr
     safety = json.loads(report.read_text())["safety"]
     assert (safety["total"]["episodes"], safety["total"]["violations"]) == (6, 0)
@@ -36,14 +30,14 @@ def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFol
     assert [one["episodes"] for one in safety["runs"]] == [3, 3]
     assert "violations: 0 of 6 episodes" in done.stdout
     assert "shield at 0: " in done.stdout
-    alone = adapt(run, *options, "--json", "-")
+    alone = merap("adapt", run.path, *options, "--json", "-")
     unshielded = json.loads(alone.stdout)["safety"]["total"]
     assert unshielded["episodes"] == 6
     assert unshielded["shield"] is None
 
 
 def test_a_prior_without_a_shield_is_refused(run: RunFolder) -> None:
-    done = adapt(run, "--hazard-prior", "0.1")
+    done = merap("adapt", run.path, "--hazard-prior", "0.1")
     assert done.returncode == 2
     assert "--hazard-prior: a prior on hazards needs a shield: give --shield too" in done.stderr
     assert done.stdout == ""

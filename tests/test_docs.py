@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from merap.checker.verdicts import verify
 from merap.concerns.case_study import load_case
+from tests.command_line import merap
 
 ROOT = Path(__file__).parents[1]
 TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -23,20 +23,19 @@ def blocks(path: Path, language: str) -> list[str]:
     )
 
 
-def run(command: list[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-
-
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
-def test_examples_run(path: Path, tmp_path: Path) -> None:
+def test_examples_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "models").symlink_to(ROOT / "models")
-    for block in blocks(path, "python"):
-        run([sys.executable, "-c", block], tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for index, block in enumerate(blocks(path, "python")):
+        program = tmp_path / f"example_{index}.py"
+        program.write_text(block, encoding="utf-8")
+        runpy.run_path(str(program), run_name="__main__")
     for block in blocks(path, "console"):
         for line in block.splitlines():
             if line.startswith("$ merap "):
-                run([sys.executable, "-m", "merap", *shlex.split(line)[2:]], tmp_path)
+                done = merap(*shlex.split(line)[2:])
+                assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
 
 
 def test_the_case_of_the_docs_is_as_described(tmp_path: Path) -> None:

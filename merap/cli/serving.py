@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -85,10 +86,9 @@ def serve(
             _log_to_standard_error()
         address = f"http://{host}:{listener.getsockname()[1]}"
         say(f"{served.interface.system} of {study.name} on {address}; interrupt to end")
-        try:
+        with suppress(KeyboardInterrupt):  # not raised where a shell has it ignored: in the background
             server(served).run(sockets=[listener])
-        except KeyboardInterrupt:
-            say("ended")
+        say("ended")
 
 
 def manage(
