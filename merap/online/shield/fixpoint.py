@@ -38,7 +38,8 @@ from merap.mdp.segments import row_best
 from merap.online.shield.outcomes import OutcomeSets
 
 PRECISION = 1e-10
-MAX_SWEEPS = 20_000
+# Models that leave a loop with 10^-5 a step take some 10^6 sweeps.
+MAX_SWEEPS = 2_000_000
 # A risk that is there but too small for its number.
 TINY = 1e-300
 
