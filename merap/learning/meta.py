@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 import torch
@@ -22,10 +22,10 @@ from merap.learning.core.jit import Array, Numbers
 from merap.learning.core.network import Network
 from merap.learning.core.restrict import counting_entries, counting_states, restricted
 from merap.learning.core.task import Tasks
+from merap.learning.core.threads import on_threads
 from merap.learning.gradient_step import StepRule
 from merap.learning.layout import per_entry, per_parameter
 from merap.learning.policy import Parameters, PolicyNetwork
-from merap.learning.threads import on_threads
 
 # A range has at most so many tasks, and at most so many hidden units in all their states.
 _RANGE = 16
@@ -87,9 +87,11 @@ class Objective:
 
     Attributes:
         problems: the same for every range of tasks.
+        threads: that the ranges may be shared among.
     """
 
     problems: tuple[core.Problem, ...]
+    threads: int
 
     @property
     def num_tasks(self) -> int:
@@ -119,7 +121,8 @@ class Objective:
             [
                 partial(core.draw_and_differentiate, problem, theta, part)
                 for problem, part in zip(self.problems, np.split(draws, ends[:-1]), strict=True)
-            ]
+            ],
+            self.threads,
         )
         gradients, drawn, seen = zip(*found, strict=True)
         whole = core.Seen(*(np.concatenate(parts) for parts in zip(*seen, strict=True)))
@@ -129,7 +132,10 @@ class Objective:
         """The gradient at other parameters with what was drawn before; the entropy's is 0."""
         pairs = zip(self.problems, drawn, strict=True)
         return self._mean(
-            on_threads([partial(core.differentiate_again, problem, theta, mine) for problem, mine in pairs])
+            on_threads(
+                [partial(core.differentiate_again, problem, theta, mine) for problem, mine in pairs],
+                self.threads,
+            )
         )
 
     def on_counting_states(
@@ -149,12 +155,13 @@ class Objective:
             for problem, mine in zip(self.problems, drawn, strict=True)
         ]
         problems, known = zip(*pairs, strict=True)
-        return Objective(problems), known, entries
+        return Objective(problems, self.threads), known, entries
 
     def judge(self, theta: Array, drawn: Sequence[core.Drawn]) -> tuple[float, float]:
         """What the policies adapted from theta are worth, and their divergence from those drawn, in nats."""
         pairs = zip(self.problems, drawn, strict=True)
-        found = on_threads([partial(core.judge, problem, theta, mine) for problem, mine in pairs])
+        pieces = [partial(core.judge, problem, theta, mine) for problem, mine in pairs]
+        found = on_threads(pieces, self.threads)
         worth, divergence = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return float(worth.mean()), float(divergence.mean())
 
@@ -166,14 +173,15 @@ class Objective:
         ]
 
         def product(direction: Array) -> Array:
-            parts = on_threads([partial(core.fisher_product, *triple, direction) for triple in triples])
+            pieces = [partial(core.fisher_product, *triple, direction) for triple in triples]
+            parts = on_threads(pieces, self.threads)
             total: Array = np.sum(parts, axis=0) / self.num_tasks
             return total
 
         return product
 
     def _mean(self, parts: Sequence[core.Gradient]) -> OuterGradient:
-        theta, sizes, entropy = (np.sum(arrays, axis=0) for arrays in zip(*parts, strict=True))
+        theta, sizes, entropy = (reduce(np.add, arrays) for arrays in zip(*parts, strict=True))
         of_sizes = per_parameter(sizes, self.problems[0].network)
         return OuterGradient(theta / self.num_tasks, of_sizes / self.num_tasks, entropy / self.num_tasks)
 
@@ -207,8 +215,13 @@ def outer_objective(
         order=config.order,
         exact=config.estimator == "exact",
         noise=config.sampling_noise,
+        threads=1,
     )
     num_tasks, num_states, _ = tasks.enabled.shape
     size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
-    starts = range(0, num_tasks, size)
-    return Objective(tuple(whole._replace(tasks=tasks.some(slice(start, start + size))) for start in starts))
+    starts, threads = range(0, num_tasks, size), torch.get_num_threads()
+    of_each = max(1, threads // len(starts))
+    problems = (
+        whole._replace(tasks=tasks.some(slice(start, start + size)), threads=of_each) for start in starts
+    )
+    return Objective(tuple(problems), threads)

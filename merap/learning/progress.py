@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from statistics import pvariance
 
 # Updates whose mean is compared: enough to smooth the draw of tasks and episodes.
 WINDOW = 10
@@ -53,7 +52,7 @@ class Progress:
         if self.best_update and not score > self.best_score + gain:
             return False
         self.best_update, self.best_score = self._updates, score
-        self._best_variance = pvariance(self._last)
+        self._best_variance = _variance(self._last)
         return True
 
     @property
@@ -71,10 +70,15 @@ class Progress:
         """Whether the last window has fallen clearly below the best one."""
         if not self.best_update:
             return False
-        error = math.sqrt((pvariance(self._last) + self._best_variance) / WINDOW)
+        error = math.sqrt((_variance(self._last) + self._best_variance) / WINDOW)
         return self.best_score - self.score > max(COLLAPSE * self._ground, CERTAIN * error)
 
     @property
     def _ground(self) -> float:
         """How far the mean of a window has ever moved."""
         return self._highest - self._lowest
+
+
+def _variance(returns: Sequence[float]) -> float:
+    mean = math.fsum(returns) / len(returns)
+    return math.fsum((one - mean) ** 2 for one in returns) / len(returns)

@@ -1,4 +1,4 @@
-"""How work is shared among threads: ranges of tasks on a pool, and never a single product.
+"""How many threads products use: one.
 
 Products of this size are fastest on one thread: handing work over costs more than the work, and on a busy
 machine BLAS threads wait for one another in a loop.
@@ -6,16 +6,12 @@ machine BLAS threads wait for one another in a loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import TypeVar
 
 import torch
 from threadpoolctl import ThreadpoolController
-
-Result = TypeVar("Result")
 
 
 @contextmanager
@@ -39,16 +35,3 @@ def one_blas_thread() -> Iterator[None]:
 @cache
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
-
-
-def on_threads(pieces: list[Callable[[], Result]]) -> list[Result]:
-    """Do pieces of work on as many threads as torch may use; their results in order."""
-    threads = min(torch.get_num_threads(), len(pieces))
-    if threads == 1:
-        return [piece() for piece in pieces]
-    return list(_pool(threads).map(lambda piece: piece(), pieces))
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="merap")

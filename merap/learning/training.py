@@ -119,10 +119,10 @@ def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) ->
     of_sizes = {"params": [log_step_sizes], "lr": config.step_size_learning_rate}
     of_theta = {"params": [theta], "lr": config.learning_rate}
     if config.outer == "trpo":
-        return torch.optim.Adam([of_sizes])
+        return torch.optim.Adam([of_sizes], fused=True)
     if config.outer == "sgd":
         return torch.optim.SGD([of_theta, of_sizes])
-    return torch.optim.Adam([of_theta, of_sizes])
+    return torch.optim.Adam([of_theta, of_sizes], fused=True)
 
 
 def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> Iterator[UpdateMetrics]:
@@ -175,7 +175,7 @@ def _update(
     begin: float,
 ) -> UpdateMetrics | None:
     """One update; None if its gradient is no number."""
-    theta, objective = array_of(state.theta), of_step_sizes(array_of(state.log_step_sizes.exp()))
+    theta, objective = array_of(state.theta), of_step_sizes(np.exp(array_of(state.log_step_sizes)))
     found, drawn, seen = objective.draw_and_differentiate(theta, config, horizon, state.generator)
     variance = float(seen.variance.mean())
     weight = theta.dtype.type(_entropy_weight(config, state.update) * math.sqrt(variance))
@@ -189,7 +189,7 @@ def _update(
     kl = length = math.nan
     for repeat in range(config.outer_repeats):
         if repeat:
-            theta, objective = array_of(state.theta), of_step_sizes(array_of(state.log_step_sizes.exp()))
+            theta, objective = array_of(state.theta), of_step_sizes(np.exp(array_of(state.log_step_sizes)))
             again = objective.differentiate_again(theta, drawn)
             gradient, of_sizes = again.theta, again.sizes
         if config.outer == "trpo":

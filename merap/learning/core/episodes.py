@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -107,18 +108,19 @@ def surrogate(episodes: Episodes, blame: Array | None, judgement: Judgement, sha
     """
     num_episodes = episodes.state.shape[1]
     advantage = advantages(episodes, shape[1], judgement)
-    count = np.maximum(episodes.active.sum(axis=(1, 2)), 1)
-    mean = advantage.sum(axis=(1, 2)) / count
-    centred = advantage - mean.astype(advantage.dtype)[:, np.newaxis, np.newaxis]
-    centred *= episodes.active
-    variance = np.einsum("nbt,nbt->n", centred, centred, dtype=np.float64) / count
+    count, mean, variance = _moments(advantage, episodes.active)
     weight = judgement.variance_weight
     shrunk = (num_episodes * variance + weight * judgement.variance) / (num_episodes + weight)
     unit = np.sqrt(shrunk + LEAST_DEVIATION**2) * count
-    centred /= unit.astype(advantage.dtype)[:, np.newaxis, np.newaxis]
     everything = np.ones((1, 1, 1), dtype=advantage.dtype) if blame is None else blame
     gradient = _summed_up(
-        episodes.state, episodes.action, episodes.active, centred, np.broadcast_to(everything, shape)
+        episodes.state,
+        episodes.action,
+        episodes.active,
+        advantage,
+        mean,
+        1 / unit,
+        np.broadcast_to(everything, shape),
     )
     return Surrogate(gradient, num_episodes / unit, variance)
 
@@ -154,15 +156,20 @@ def baseline_values(
         float [N, B, T], 0 where inactive.
     """
     if baseline == "linear":
-        time = np.arange(to_go.shape[2]) / TIME_UNIT
-        features = np.stack([time, time**2, time**3, np.ones_like(time)], axis=1)
-        return _linear_baseline(episodes, to_go, features, num_states, ridge)
+        return _linear_baseline(episodes, to_go, _time_features(to_go.shape[2]), num_states, ridge)
     if baseline == "time":
         count = np.maximum(episodes.active.sum(axis=1, keepdims=True), 1)
         mean = (to_go * episodes.active).sum(axis=1, keepdims=True) / count
         values: Array = mean * episodes.active
         return values.astype(to_go.dtype)
     return np.zeros_like(to_go)
+
+
+@cache
+def _time_features(horizon: int) -> Array:
+    """float64 [T, 4]."""
+    time = np.arange(horizon) / TIME_UNIT
+    return np.stack([time, time**2, time**3, np.ones_like(time)], axis=1)
 
 
 def _linear_baseline(
@@ -239,14 +246,48 @@ def _visits(state: Numbers, active: Bools, num_states: int) -> Array:
 
 
 @compiled
-def _summed_up(state: Numbers, action: Numbers, active: Bools, advantage: Array, blame: Array) -> Array:
-    """float [N, S, A]: minus the sum of advantages in each state and action; negative ones take the blame."""
+def _moments(advantage: Array, active: Bools) -> tuple[Array, Array, Array]:
+    """Number of active steps, at least 1, the mean of their advantages and the variance, float64 [N]."""
+    num_tasks, num_episodes, horizon = active.shape
+    count, mean, variance = np.zeros(num_tasks), np.zeros(num_tasks), np.zeros(num_tasks)
+    for n in range(num_tasks):
+        steps, total, squares = 0, 0.0, 0.0
+        for b in range(num_episodes):
+            for t in range(horizon):
+                if active[n, b, t]:
+                    steps += 1
+                    total += advantage[n, b, t]
+        count[n] = max(steps, 1)
+        mean[n] = total / count[n]
+        for b in range(num_episodes):
+            for t in range(horizon):
+                if active[n, b, t]:
+                    squares += (advantage[n, b, t] - mean[n]) ** 2
+        variance[n] = squares / count[n]
+    return count, mean, variance
+
+
+@compiled
+def _summed_up(
+    state: Numbers,
+    action: Numbers,
+    active: Bools,
+    advantage: Array,
+    mean: Array,
+    scale: Array,
+    blame: Array,
+) -> Array:
+    """float [N, S, A]: minus the sum of scale times what advantages are above their mean.
+
+    What is below it takes the blame.
+    """
     total = np.zeros(blame.shape, dtype=advantage.dtype)
     for n in range(state.shape[0]):
         for b in range(state.shape[1]):
             for t in range(state.shape[2]):
                 if active[n, b, t]:
-                    s, a, part = state[n, b, t], action[n, b, t], advantage[n, b, t]
+                    s, a = state[n, b, t], action[n, b, t]
+                    part = scale[n] * (advantage[n, b, t] - mean[n])
                     total[n, s, a] -= part * blame[n, s, a] if part < 0 else part
     return total
 

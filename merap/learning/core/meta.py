@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from merap.learning.core.episodes import Judgement, mean_return, rollout, surrogate, visits
+from merap.learning.core.episodes import (
+    Episodes,
+    Judgement,
+    Surrogate,
+    mean_return,
+    rollout,
+    surrogate,
+    visits,
+)
 from merap.learning.core.jit import Array
 from merap.learning.core.network import Network, pullback, pushforward
 from merap.learning.core.softmax import divergence, entropy_slope, through_log_softmax, through_softmax
@@ -23,6 +32,7 @@ from merap.learning.core.steps import (
     stepped,
 )
 from merap.learning.core.task import Tasks
+from merap.learning.core.threads import beside
 from merap.learning.core.values import values
 
 
@@ -38,6 +48,7 @@ class Problem(NamedTuple):
         order: 2 differentiates through the inner steps; 1 takes them as constants.
         exact: adapted policies are judged by their exact return, and inner losses know it.
         noise: inner steps of `exact` carry the sampling noise of their episodes.
+        threads: that the work may use; it does not change what comes out.
     """
 
     tasks: Tasks
@@ -48,6 +59,7 @@ class Problem(NamedTuple):
     order: int
     exact: bool
     noise: bool
+    threads: int
 
 
 class Drawn(NamedTuple):
@@ -187,22 +199,30 @@ def fisher_product(problem: Problem, adapted: Adapted, visits: Array, direction:
     return _through_steps(problem, adapted, slope)[0]
 
 
+def _sampled(problem: Problem, table: Array, draws: Array) -> tuple[Episodes, Surrogate]:
+    """The episodes that draws [N, B, T + 1] lead to, and their loss."""
+    episodes = rollout(table, problem.tasks, draws)
+    return episodes, surrogate(episodes, None, problem.judgement, table.shape)
+
+
 def _drawn_step(problem: Problem, now: Policies, draws: Array) -> tuple[Step, Array, Array, Array]:
     """A step, and what its episodes show: mean return [N], the advantages' variance [N], visits [N, S]."""
-    episodes = rollout(now.table, problem.tasks, draws)
-    sampled = surrogate(episodes, None, problem.judgement, now.table.shape)
-    shares = visits(episodes, now.table.shape[1])
+    table, tasks = now.table, problem.tasks
+    sample = partial(_sampled, problem, table, draws)
     if not problem.exact:
+        episodes, sampled = sample()
         step = step_from(now, Loss(sampled.gradient, None), None, problem.network)
-        return step, mean_return(episodes, problem.judgement.discount), sampled.variance, shares
-    found = values(now.table, problem.tasks, problem.horizon)
-    scale = sampled.scale.astype(now.table.dtype)[:, np.newaxis, np.newaxis]
-    noise = np.zeros_like(now.table)
+        mean = mean_return(episodes, problem.judgement.discount)
+        return step, mean, sampled.variance, visits(episodes, table.shape[1])
+    exact = partial(values, table, tasks, problem.horizon)
+    found, (episodes, sampled) = beside(exact, sample, problem.threads)
+    scale = sampled.scale.astype(table.dtype)[:, np.newaxis, np.newaxis]
+    noise = np.zeros_like(table)
     if problem.noise:  # what was sampled, without its expectation
-        noise = through_log_softmax(now.table, sampled.gradient)
-        noise += scale * through_softmax(now.table, found.gradient)
+        noise = through_log_softmax(table, sampled.gradient)
+        noise += scale * through_softmax(table, found.gradient)
     step = step_from(now, Loss(noise, scale), found, problem.network)
-    return step, found.total, sampled.variance, shares
+    return step, found.total, sampled.variance, visits(episodes, table.shape[1])
 
 
 def _drawn_outer(problem: Problem, adapted: Adapted, draws: Array) -> tuple[Drawn, Array, Array]:
@@ -211,10 +231,9 @@ def _drawn_outer(problem: Problem, adapted: Adapted, draws: Array) -> tuple[Draw
     losses = tuple(step.loss for step in adapted.steps)
     if problem.exact:
         found = values(table, tasks, problem.horizon)
-        drawn = Drawn(losses, table, None, found.visits)
+        drawn = Drawn(losses, table, None, found.visits / found.visits.sum(axis=1, keepdims=True))
         return drawn, through_softmax(table, found.gradient), found.total
-    episodes = rollout(table, tasks, draws)
-    sampled = surrogate(episodes, None, problem.judgement, table.shape)
+    episodes, sampled = _sampled(problem, table, draws)
     worth = np.divide(-sampled.gradient, table, out=np.zeros_like(table), where=sampled.gradient != 0)
     drawn = Drawn(losses, table, worth, visits(episodes, table.shape[1]))
     return drawn, through_softmax(table, worth), mean_return(episodes, problem.judgement.discount)

@@ -121,7 +121,7 @@ def pullback(theta: Array, network: Network, at: Signals, cotangent: Array) -> t
     cotangents = [cotangent]
     for layer in reversed(range(network.num_layers)):
         network.weight(gradient, layer)[:] = _outer(at.inputs[layer], cotangent)
-        cotangent.sum(axis=-2, keepdims=True, out=network.bias(gradient, layer))
+        _over_states(cotangent, network.bias(gradient, layer))
         if layer:
             cotangent = cotangent @ network.weight(theta, layer).mT
             cotangent *= at.slopes[layer - 1]
@@ -174,7 +174,7 @@ def pullback_dot(
     for layer in reversed(range(network.num_layers)):
         of_weight, of_theta = network.weight(result, layer), network.weight(theta, layer)
         of_weight[:] = _outer(at.inputs[layer], cotangent_dot)
-        cotangent_dot.sum(axis=-2, keepdims=True, out=network.bias(result, layer))
+        _over_states(cotangent_dot, network.bias(result, layer))
         signal = tangent.inputs[layer]
         if signal is not None:
             cotangent = cotangents[layer]
@@ -206,6 +206,11 @@ def _outer(signal: Array | None, cotangent: Array) -> Array:
     return cotangent if signal is None else signal.mT @ cotangent
 
 
+def _over_states(cotangent: Array, out: Array) -> None:
+    """[.., 1, outputs]: sum over states, as a product, which is several times faster than a sum."""
+    np.matmul(np.ones((1, cotangent.shape[-2]), dtype=cotangent.dtype), cotangent, out=out)
+
+
 def _summed_outer(signal: Array, cotangent: Array) -> Array:
     """[inputs, outputs]: sum over tasks and states."""
     product: Array = signal.reshape(-1, signal.shape[-1]).T @ cotangent.reshape(-1, cotangent.shape[-1])
@@ -222,7 +227,8 @@ def _summed_product(left: Array, right: Array) -> Array:
 def _activate(total: Array, activation: Activation) -> tuple[Array, Array]:
     """The activation's value and slope."""
     if activation == "relu":
-        return np.maximum(total, 0), (total > 0).astype(total.dtype)
+        slope = (total > 0).astype(total.dtype)
+        return total * slope, slope
     if activation == "tanh":
         value = np.tanh(total)
         return value, 1 - value * value

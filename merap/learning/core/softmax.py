@@ -12,13 +12,10 @@ LEAST = 1e-37
 
 def masked_softmax(logits: Array, enabled: Bools) -> Array:
     """Probabilities of logits [N, S, A] or [S, A], over the enabled actions; 0 in a row without any."""
-    return _masked_softmax(np.broadcast_to(logits, enabled.shape), enabled)
-
-
-def through_log_softmax(policy: Array, weights: Array) -> Array:
-    """A gradient in log pi as one in the logits; weights are 0 where an action is disabled."""
-    slope: Array = weights - policy * weights.sum(axis=-1, keepdims=True)
-    return slope
+    policy = _below_greatest(np.broadcast_to(logits, enabled.shape), enabled)
+    np.exp(policy, out=policy)  # numpy's is vectorised
+    _normalise(policy)
+    return policy
 
 
 def divergence(old: Array, new: Array, visits: Array) -> Array:
@@ -29,24 +26,49 @@ def divergence(old: Array, new: Array, visits: Array) -> Array:
 
 
 @compiled
-def _masked_softmax(logits: Array, enabled: Bools) -> Array:
+def _below_greatest(logits: Array, enabled: Bools) -> Array:
+    """Logits less the greatest enabled one; -inf where disabled."""
+    result = np.full(enabled.shape, -np.inf, dtype=logits.dtype)
     num_tasks, num_states, num_actions = enabled.shape
-    policy = np.zeros(enabled.shape, dtype=logits.dtype)
     for n in range(num_tasks):
         for s in range(num_states):
             greatest = logits.dtype.type(-np.inf)
             for a in range(num_actions):
                 if enabled[n, s, a]:
                     greatest = max(greatest, logits[n, s, a])
-            total = logits.dtype.type(0)
             for a in range(num_actions):
                 if enabled[n, s, a]:
-                    policy[n, s, a] = np.exp(logits[n, s, a] - greatest)
-                    total += policy[n, s, a]
+                    result[n, s, a] = logits[n, s, a] - greatest
+    return result
+
+
+@compiled
+def _normalise(weights: Array) -> None:
+    """Divide every row [A] by its sum, unless that is 0."""
+    num_tasks, num_states, num_actions = weights.shape
+    for n in range(num_tasks):
+        for s in range(num_states):
+            total = weights.dtype.type(0)
             for a in range(num_actions):
-                if enabled[n, s, a]:
-                    policy[n, s, a] /= total
-    return policy
+                total += weights[n, s, a]
+            if total > 0:
+                for a in range(num_actions):
+                    weights[n, s, a] /= total
+
+
+@compiled
+def through_log_softmax(policy: Array, weights: Array) -> Array:
+    """A gradient in log pi as one in the logits; weights are 0 where an action is disabled."""
+    result = np.empty_like(policy)
+    num_tasks, num_states, num_actions = policy.shape
+    for n in range(num_tasks):
+        for s in range(num_states):
+            total = policy.dtype.type(0)
+            for a in range(num_actions):
+                total += weights[n, s, a]
+            for a in range(num_actions):
+                result[n, s, a] = weights[n, s, a] - policy[n, s, a] * total
+    return result
 
 
 @compiled

@@ -98,7 +98,8 @@ def step_again(before: Policies, loss: Loss, network: Network, tasks: Tasks, hor
 
 def stepped(step: Step, step_sizes: Array) -> Array:
     """theta' [N, P], by step sizes alpha [P]."""
-    return step.before.theta - step_sizes * step.gradient
+    moved: Array = step_sizes * step.gradient
+    return np.subtract(step.before.theta, moved, out=moved)
 
 
 def push(steps: Sequence[Step], direction: Array, step_sizes: Array, network: Network, tasks: Tasks) -> Array:

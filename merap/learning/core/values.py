@@ -31,21 +31,15 @@ class Values(NamedTuple):
         total: float [N], J.
         to_go: float [N, T + 1, S], V_h with h steps to go; over an infinite horizon [N, 1, S].
         occupancy: float [N, T + 1, S], d_t, the last that after the horizon; or visits [N, 1, S].
+        visits: float [N, S], discounted number of steps that begin in a state.
         gradient: float [N, S, A], dJ/dpi; means nothing where an action is disabled.
     """
 
     total: Array
     to_go: Array
     occupancy: Array
+    visits: Array
     gradient: Array
-
-    @property
-    def visits(self) -> Array:
-        """float [N, S], share of the discounted steps that begin in a state."""
-        steps = max(1, self.occupancy.shape[1] - 1)
-        counted: Array = self.occupancy[:, :steps].sum(axis=1)
-        shares: Array = counted / counted.sum(axis=1, keepdims=True)
-        return shares
 
 
 def values(policy: Array, tasks: Tasks, horizon: int) -> Values:
@@ -56,47 +50,69 @@ def values(policy: Array, tasks: Tasks, horizon: int) -> Values:
         tasks: N of them.
         horizon: T; 0: infinite.
     """
-    chain, gains = tasks.chain(policy), _gains(policy, tasks)
     if horizon:
-        to_go = _to_go(gains, chain, tasks.target, tasks.earliest, horizon)
-        occupancy, met = _occupancy(tasks.initial, chain, tasks.target, tasks.earliest, to_go)
-        gradient = _of_actions(occupancy[:, :-1].sum(axis=1), met, tasks)
+        to_go, occupancy, visits, gradient = _finite(
+            policy, tasks.weight, tasks.expected, tasks.target, tasks.earliest, tasks.initial, horizon
+        )
     else:
+        chain, gains = tasks.chain(policy), _gains(policy, tasks.expected)
         to_go = fixed_point.solved_values(gains, chain, tasks.target)[:, np.newaxis]
-        occupancy = fixed_point.solved_visits(tasks.initial, chain, tasks.target)[:, np.newaxis]
-        gradient = _of_actions(occupancy[:, 0], _met(occupancy[:, 0], to_go[:, 0], tasks), tasks)
-    return Values(np.einsum("ns,ns->n", tasks.initial, to_go[:, -1]), to_go, occupancy, gradient)
+        visits = fixed_point.solved_visits(tasks.initial, chain, tasks.target)
+        occupancy = visits[:, np.newaxis]
+        gradient = _of_actions(visits, _met(visits, to_go[:, 0], tasks), tasks.weight, tasks.expected)
+    total = np.einsum("ns,ns->n", tasks.initial, to_go[:, -1])
+    return Values(total, to_go, occupancy, visits, gradient)
 
 
 def hessian_product(policy: Array, found: Values, direction: Array, tasks: Tasks) -> Array:
     """float [N, S, A]: the Hessian of J with respect to pi times a direction [N, S, A]."""
-    chain, chain_dot, gains_dot = tasks.chain(policy), tasks.chain(direction), _gains(direction, tasks)
     if found.to_go.shape[1] > 1:
-        arrays = (tasks.target, tasks.earliest, found.to_go)
-        to_go_dot = _to_go_dot(gains_dot, chain, chain_dot, *arrays)
-        visits_dot, met_dot = _occupancy_dot(chain, chain_dot, *arrays, to_go_dot, found.occupancy)
-        return _of_actions(visits_dot, met_dot, tasks)
-    to_go, visits = found.to_go[:, 0], found.occupancy[:, 0]
-    gains_dot = gains_dot + np.einsum("nsm,nsm->ns", chain_dot, tasks.at_targets(to_go))
+        return _finite_dot(
+            policy,
+            direction,
+            tasks.weight,
+            tasks.expected,
+            tasks.target,
+            tasks.earliest,
+            found.to_go,
+            found.occupancy,
+        )
+    to_go, visits = found.to_go[:, 0], found.visits
+    chain, chain_dot = tasks.chain(policy), tasks.chain(direction)
+    gains_dot = _gains(direction, tasks.expected)
+    gains_dot += np.einsum("nsm,nsm->ns", chain_dot, tasks.at_targets(to_go))
     to_go_dot = fixed_point.solved_values(gains_dot, chain, tasks.target)
     arrivals = fixed_point.arrivals(chain_dot, visits, tasks.target)
     visits_dot = fixed_point.solved_visits(arrivals, chain, tasks.target)
     met_dot = _met(visits_dot, to_go, tasks) + _met(visits, to_go_dot, tasks)
-    return _of_actions(visits_dot, met_dot, tasks)
+    return _of_actions(visits_dot, met_dot, tasks.weight, tasks.expected)
 
 
-def _gains(policy: Array, tasks: Tasks) -> Array:
+@compiled
+def _gains(policy: Array, expected: Array) -> Array:
     """float [N, S], expected reward of a step."""
-    gains: Array = np.einsum("nsa,nsa->ns", policy, tasks.expected)
+    num_tasks, num_states, num_actions = policy.shape
+    gains = np.zeros((num_tasks, num_states), dtype=policy.dtype)
+    for n in range(num_tasks):
+        for s in range(num_states):
+            for a in range(num_actions):
+                gains[n, s] += policy[n, s, a] * expected[n, s, a]
     return gains
 
 
-def _of_actions(visits: Array, met: Array, tasks: Tasks) -> Array:
-    """float [N, S, A]: visits(s) r(s, a) + sum_k w(s, a, k) met(s, a, k)."""
-    following = np.einsum("nsak,nsak->nsa", tasks.weight, met.reshape(tasks.weight.shape))
-    product: Array = visits[..., np.newaxis] * tasks.expected
-    product += following
-    return product
+@compiled
+def _of_actions(visits: Array, met: Array, weight: Array, expected: Array) -> Array:
+    """float [N, S, A]: visits(s) r(s, a) + sum_k w(s, a, k) met(s, a, k), of met [N, S, M]."""
+    num_tasks, num_states, num_actions, num_successors = weight.shape
+    result = np.empty_like(expected)
+    for n in range(num_tasks):
+        for s in range(num_states):
+            for a in range(num_actions):
+                worth = visits[n, s] * expected[n, s, a]
+                for k in range(num_successors):
+                    worth += weight[n, s, a, k] * met[n, s, a * num_successors + k]
+                result[n, s, a] = worth
+    return result
 
 
 def _met(visits: Array, to_go: Array, tasks: Tasks) -> Array:
@@ -125,11 +141,11 @@ def _to_go(gains: Array, chain: Array, target: Successors, earliest: Times, hori
 @compiled
 def _occupancy(
     initial: Array, chain: Array, target: Successors, earliest: Times, to_go: Array
-) -> tuple[Array, Array]:
-    """d_t [N, T + 1, S], and sum_t d_t(s) V_T-1-t(s'_m) [N, S, M]."""
+) -> tuple[Array, Array, Array]:
+    """d_t [N, T + 1, S], sum_t d_t(s) [N, S], and sum_t d_t(s) V_T-1-t(s'_m) [N, S, M]; t < T."""
     num_tasks, num_states, num_branches = chain.shape
     horizon = to_go.shape[1] - 1
-    occupancy, met = np.zeros_like(to_go), np.zeros_like(chain)
+    occupancy, visits, met = np.zeros_like(to_go), np.zeros_like(initial), np.zeros_like(chain)
     for n in range(num_tasks):
         occupancy[n, 0] = initial[n]
         for t in range(horizon):
@@ -137,11 +153,12 @@ def _occupancy(
             for s in range(num_states):
                 if earliest[n, s] <= t:
                     mass = present[s]
+                    visits[n, s] += mass
                     for m in range(num_branches):
                         to = target[n, s, m]
                         met[n, s, m] += mass * ahead[to]
                         following[to] += mass * chain[n, s, m]
-    return occupancy, met
+    return occupancy, visits, met
 
 
 @compiled
@@ -198,3 +215,51 @@ def _occupancy_dot(
                         following_dot[to] += mass_dot * chain[n, s, m] + mass * chain_dot[n, s, m]
             present_dot, following_dot = following_dot, present_dot
     return visits_dot, met_dot
+
+
+@compiled
+def _chain(policy: Array, weight: Array) -> Array:
+    """float [N, S, M]: `Tasks.chain`."""
+    num_tasks, num_states, num_actions, num_successors = weight.shape
+    chain = np.empty((num_tasks, num_states, num_actions * num_successors), dtype=policy.dtype)
+    for n in range(num_tasks):
+        for s in range(num_states):
+            for a in range(num_actions):
+                for k in range(num_successors):
+                    chain[n, s, a * num_successors + k] = policy[n, s, a] * weight[n, s, a, k]
+    return chain
+
+
+@compiled
+def _finite(
+    policy: Array,
+    weight: Array,
+    expected: Array,
+    target: Successors,
+    earliest: Times,
+    initial: Array,
+    horizon: int,
+) -> tuple[Array, Array, Array, Array]:
+    """V [N, T + 1, S], d [N, T + 1, S], its sum over steps [N, S] and dJ/dpi [N, S, A], in one call."""
+    chain = _chain(policy, weight)
+    to_go = _to_go(_gains(policy, expected), chain, target, earliest, horizon)
+    occupancy, visits, met = _occupancy(initial, chain, target, earliest, to_go)
+    return to_go, occupancy, visits, _of_actions(visits, met, weight, expected)
+
+
+@compiled
+def _finite_dot(
+    policy: Array,
+    direction: Array,
+    weight: Array,
+    expected: Array,
+    target: Successors,
+    earliest: Times,
+    to_go: Array,
+    occupancy: Array,
+) -> Array:
+    """The Hessian product [N, S, A], in one call."""
+    chain, chain_dot = _chain(policy, weight), _chain(direction, weight)
+    to_go_dot = _to_go_dot(_gains(direction, expected), chain, chain_dot, target, earliest, to_go)
+    visits_dot, met_dot = _occupancy_dot(chain, chain_dot, target, earliest, to_go, to_go_dot, occupancy)
+    return _of_actions(visits_dot, met_dot, weight, expected)
