@@ -67,11 +67,13 @@ def mean_and_hope(space: HypothesisSpace, belief: Belief, doubt: float) -> tuple
 def sampled_model(space: HypothesisSpace, belief: Belief, generator: np.random.Generator) -> DomainModel:
     """A hypothesis drawn from the posterior (Thompson sampling)."""
     dynamics, objective = weights(belief)
-    picked = np.zeros_like(dynamics)
-    picked.flat[_drawn(dynamics, generator)] = 1.0
+    row, capability, kind = np.unravel_index(_drawn(dynamics, generator), dynamics.shape)
+    picked = np.zeros((1, *dynamics.shape[1:]))
+    picked[0, capability, kind] = 1.0
     goal = np.zeros(len(objective))
     goal[_drawn(objective.sum(axis=1), generator)] = 1.0
-    total, is_open = _open_mass(space, belief, picked, generator)
+    alone = replace(belief, environments=belief.environments[[row]])
+    total, is_open = _open_mass(space, alone, picked, generator)
     return _model(space, total, is_open, goal)
 
 

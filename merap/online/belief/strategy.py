@@ -24,7 +24,7 @@ from merap.online.belief.planning import (
 )
 from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.space import HypothesisSpace
-from merap.online.belief.testing import Trial, trial
+from merap.online.belief.testing import Trial, hopes
 from merap.online.belief.update import (
     Step,
     observe_detections,
@@ -167,13 +167,13 @@ class BeliefStrategy:
         return self._mean_and_hope
 
     def _hope(self, model: DomainModel, hoped: DomainModel, best: Plan) -> Plan | None:
-        """The plan on what may be open, if it pays to try it."""
-        hope = plan(hoped, len(best.actions), ties=self._ties)
-        found = trial(model, best, hoped, hope, self._state)
-        if not found.pays(max(self._settings.episodes_ahead, self._episodes)):
-            return None
-        self._tried = found
-        return hope
+        """The plan on what may be open that pays first, if any does."""
+        episodes = max(self._settings.episodes_ahead, self._episodes)
+        for found, hope in hopes(model, best, hoped, self._state, self._ties):
+            if found.pays(episodes):
+                self._tried = found
+                return hope
+        return None
 
     def _bonus(self, model: DomainModel) -> Floats | None:
         if self._price < self._negligible:
