@@ -1,4 +1,4 @@
-"""Measure the strategy `belief`: bench_belief.py cases | drawn | speed [--json FILE].
+"""Measure the strategy `belief`: bench.py belief drawn | speed [--json FILE].
 
 Episodes are those until within 5 percent of the optimum; `p95` is the least number that 95 percent of
 the runs do not exceed. A run ends with the third row in a row within 5 percent, but has 10 episodes at least.
@@ -24,24 +24,15 @@ from rich.progress import track
 from rich.table import Table
 
 from merap.concerns.case_study import load_case
-from merap.experiments.belief_quality import (
-    CONDITIONS,
-    Condition,
-    Lengths,
-    Meeting,
-    case_figures,
-    drawn_figures,
-    meeting,
-)
+from merap.experiments.belief_quality import Meeting, drawn_figures, meeting
+from merap.experiments.following import CONDITIONS, Condition, Lengths
 from merap.online.belief.strategy import BeliefStrategy
 from merap.online.systems import SimulatedSystem
 
 MODELS = Path(__file__).parents[1] / "models"
-CASES = (*(f"paper-grid/rq1-{number}.yaml" for number in range(1, 9)), "running-example")
 # 10,626 environments of the paper's kind: any 4 of 24 cells are blocked.
 LARGE = ("paper-grid/rq1-4.yaml", "{rows: [0, 6], cols: [1, 2]}", "{rows: [0, 7], cols: [1, 3]}")
 WIDTH = 120
-EPISODES = "episodes_to_within_5_percent"
 
 T = TypeVar("T")
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
@@ -52,34 +43,6 @@ Names = Annotated[list[str] | None, typer.Option("--condition", help="none, nois
 @app.callback()
 def bench() -> None:
     """How soon `belief` is within 5 percent, and how long it thinks."""
-
-
-@app.command()
-def cases(
-    json_file: Json = None,
-    condition: Names = None,
-    case: Annotated[list[str] | None, typer.Option(help="Below models/; the nine shipped ones.")] = None,
-    seeds: int = 30,
-    max_episodes: int = 60,
-) -> None:
-    """The paper's eight cases and the running example."""
-    lengths = Lengths(most=max_episodes)
-    rows: list[dict[str, Any]] = []
-    for name in track(case or CASES, "cases"):
-        rows.extend(case_figures(load_case(MODELS / name), _chosen(condition), range(seeds), lengths))
-    columns = {
-        "case": "case",
-        "condition": "condition",
-        "outside": "outside",
-        "optimum": "optimum",
-        f"quantile_50_{EPISODES}": "median",
-        f"quantile_95_{EPISODES}": "p95",
-        f"max_{EPISODES}": "most",
-        f"never_{EPISODES}": "never",
-        "regret_of_first": "regret of the first",
-        "regret_of_least": f"of {lengths.least}",
-    }
-    _report(f"{seeds} seeds, at most {max_episodes} episodes", rows, columns, json_file)
 
 
 @app.command()
@@ -95,7 +58,7 @@ def drawn(
     numbers = range(first, first + count)
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
-        for chosen in _chosen(condition):
+        for chosen in chosen_conditions(condition):
             found = drawn_figures(numbers, chosen, Lengths(most=max_episodes), Path(folder))
             rows.extend(track(found, chosen.name, total=count))
     columns = {name: name for name in ("condition", "outside", "cases", "median", "p95", "most", "never")}
@@ -151,7 +114,8 @@ def _timed(met: Meeting, episodes: int) -> dict[str, list[float]]:
     return seconds
 
 
-def _chosen(names: Sequence[str] | None) -> list[Condition]:
+def chosen_conditions(names: Sequence[str] | None) -> list[Condition]:
+    """The conditions of these names; all of them if None."""
     known = {condition.name: condition for condition in CONDITIONS}
     wrong = [name for name in names or () if name not in known]
     if wrong:

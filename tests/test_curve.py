@@ -132,6 +132,13 @@ def test_regret_is_what_the_policy_in_use_falls_short_of() -> None:
     assert run.sampled_regret == 35 * 9 + 35 * 1
 
 
+def test_regret_can_be_of_the_first_episodes_alone() -> None:
+    # 40 episodes: 35 of the first step and 5 of the second
+    run = judged(0, run_of([-9, -3, 5]).curve, PAPER, regret_episodes=40)
+    assert run.cumulative_regret == 35 * 15 + 5 * 9
+    assert run.sampled_regret == 35 * 9 + 5 * 1
+
+
 def test_quantiles_count_those_that_never_got_there_as_longest() -> None:
     fast, never = run_of([6, 6, 6]), run_of([-9, -9, -9])
     slow = run_of([-9, 6, 6, 6])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from merap.base.build import model_of
-from merap.experiments.belief_quality import outside_of
 from merap.experiments.drawn_grids import SIZES, drawn_case, drawn_text
+from merap.experiments.following import outside_of
 from merap.mdp.planning import optimum
 
 NUMBERS = range(40)

@@ -6,11 +6,14 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from merap.experiments.belief_quality import Condition, outside_of
+import numpy as np
+
+from merap.experiments.following import Condition, Lengths, followed, outside_of
 from merap.learning.run_folder import RunFolder
-from merap.online.adaptation import Adaptation, adapt_to, spread_of_pretrained
-from merap.online.curve import summary
-from merap.online.encounter import Conditions, Encounter, encounter
+from merap.learning.threads import one_thread
+from merap.online.adaptation import best_median_worst, values_of_pretrained
+from merap.online.curve import Run, summary
+from merap.online.encounter import Conditions, Encounter, encounter, met_system
 from merap.online.strategies.registry import ALL, PRETRAINED, STRATEGIES
 
 COMPARED = tuple(f"{name}:{ALL}" if name == PRETRAINED else name for name in STRATEGIES)
@@ -21,7 +24,7 @@ def strategy_figures(
     strategies: Sequence[str],
     condition: Condition,
     seeds: Sequence[int],
-    max_episodes: int,
+    lengths: Lengths,
     episodes_per_step: int,
 ) -> Iterator[dict[str, Any]]:
     """A row for each strategy on the system `met` of a run's case; three for `pretrained:all`.
@@ -31,35 +34,44 @@ def strategy_figures(
         strategies: their names.
         condition: under which the system is met.
         seeds: of the adaptations.
-        max_episodes: real episodes at most.
+        lengths: how long each is followed.
         episodes_per_step: real episodes of a gradient step.
     """
     conditions = Conditions(condition.noise, condition.slip)
     met = encounter(run, run.case.system("met"), episodes_per_step=episodes_per_step, conditions=conditions)
     for name in strategies:
         began = time.perf_counter()
-        found = list(_adaptations(met, name, seeds, max_episodes))
-        seconds = (time.perf_counter() - began) / (len(found) * len(seeds))
-        for shown, one in found:
+        played = _played(met, name)
+        prepared = time.perf_counter() - began
+        for shown, strategy in played.items():
+            began = time.perf_counter()
+            with one_thread():
+                runs = [_followed(met, strategy, seed, lengths) for seed in seeds]
             yield {
                 "case": run.case.name,
                 "condition": condition.name,
                 "outside": outside_of(run.case),
                 "strategy": shown,
-                "played": one.strategy,
-                "optimum": one.reachable.optimum,
-                "seconds_per_seed": seconds,
-                **summary(one.runs),
+                "played": strategy,
+                "optimum": met.reachable.optimum,
+                "regret_episodes": lengths.least,
+                "seconds_to_prepare": prepared,
+                "seconds_per_seed": (time.perf_counter() - began) / len(seeds),
+                **summary(runs),
             }
 
 
-def _adaptations(
-    met: Encounter, name: str, seeds: Sequence[int], max_episodes: int
-) -> Iterator[tuple[str, Adaptation]]:
-    """The adaptations that a name stands for, each with the name it has in tables."""
+def _played(met: Encounter, name: str) -> dict[str, str]:
+    """The strategies that a name stands for, each by its name in tables; policies are learned here."""
     if name != f"{PRETRAINED}:{ALL}":
-        yield name, adapt_to(met, name, max_episodes=max_episodes, seeds=seeds)
-        return
-    spread = spread_of_pretrained(met, max_episodes=max_episodes, seeds=seeds)
-    for place, one in zip(("best", "median", "worst"), spread.shown, strict=True):
-        yield f"{PRETRAINED}, {place}", one
+        met.strategy(name, np.random.default_rng(0))
+        return {name: name}
+    chosen = best_median_worst(values_of_pretrained(met))
+    places = zip(("best", "median", "worst"), chosen, strict=True)
+    return {f"{PRETRAINED}, {place}": f"{PRETRAINED}:{combination}" for place, combination in places}
+
+
+def _followed(met: Encounter, name: str, seed: int, lengths: Lengths) -> Run:
+    of_system, of_strategy = np.random.default_rng(seed).spawn(2)
+    strategy, simulated = met.strategy(name, of_strategy), met_system(met, of_system)
+    return followed(seed, simulated, strategy, met.model, met.reachable, met.context.horizon, lengths)

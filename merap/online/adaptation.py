@@ -233,20 +233,31 @@ def spread_of_pretrained(
     Which those are is known from the true model: this shows the range of a baseline and is no
     way to adapt. Arguments as those of `adapt`.
     """
-    names = met.context.run.names
-    evaluate = evaluator(met.model, met.context.horizon)
-    policies = met.context.pretrained(names)
-    values = {name: evaluate(policy) for name, policy in zip(names, policies, strict=True)}
-    ranked = sorted(values, key=lambda name: -values[name])
+    values = values_of_pretrained(met)
     best, median, worst = (
         adapt_to(
             met,
-            f"{PRETRAINED}:{ranked[place]}",
+            f"{PRETRAINED}:{name}",
             steps=steps,
             max_episodes=max_episodes,
             seeds=seeds,
             on_step=on_step,
         )
-        for place in (0, (len(ranked) - 1) // 2, -1)
+        for name in best_median_worst(values)
     )
-    return Spread({name: values[name] for name in ranked}, best, median, worst)
+    return Spread(values, best, median, worst)
+
+
+def values_of_pretrained(met: Encounter) -> dict[str, float]:
+    """Combination of the run's base -> exact value of the policy learned for it, here; best first."""
+    names = met.context.run.names
+    evaluate = evaluator(met.model, met.context.horizon)
+    policies = met.context.pretrained(names)
+    values = {name: evaluate(policy) for name, policy in zip(names, policies, strict=True)}
+    return dict(sorted(values.items(), key=lambda item: -item[1]))
+
+
+def best_median_worst(values: Mapping[str, float]) -> tuple[str, str, str]:
+    """Of values ranked best first; of an even number the better one is the median."""
+    ranked = list(values)
+    return ranked[0], ranked[(len(ranked) - 1) // 2], ranked[-1]

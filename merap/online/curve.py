@@ -62,8 +62,8 @@ class Run:
         episodes_to_solved: of the first of three rows in a row that are solved; None if never.
         first_episode_regret: optimum minus the value of the policy before any episode.
         cumulative_regret: optimum minus the value of the policy in use, summed over the real
-            episodes; exploration is not in it.
-        sampled_regret: optimum minus what the real episodes returned, summed: with exploration,
+            episodes, or the first of them; exploration is not in it.
+        sampled_regret: optimum minus what the same episodes returned, summed: with exploration,
             and with luck.
         steps_back: what the system took to get back to its start between episodes.
     """
@@ -79,10 +79,28 @@ class Run:
     steps_back: int
 
 
-def judged(seed: int, curve: Sequence[Row], reachable: Range, steps_back: int = 0) -> Run:
-    """A run with its scores."""
+def judged(
+    seed: int,
+    curve: Sequence[Row],
+    reachable: Range,
+    steps_back: int = 0,
+    regret_episodes: int | None = None,
+) -> Run:
+    """A run with its scores.
+
+    Args:
+        seed: of its episodes.
+        curve: row 0 and a row for each policy update.
+        reachable: what any policy can earn.
+        steps_back: what the system took to get back to its start between episodes.
+        regret_episodes: regret is summed over that many real episodes from the first on; None: over all.
+    """
     near = lasting([reachable.within_5_percent(row.expected_return) for row in curve])
     solved = lasting([reachable.solved(row.expected_return) for row in curve])
+    last = math.inf if regret_episodes is None else regret_episodes
+    counted = [
+        (min(now.episodes, last) - min(before.episodes, last), before, now) for before, now in pairwise(curve)
+    ]
     return Run(
         seed=seed,
         curve=tuple(curve),
@@ -91,12 +109,11 @@ def judged(seed: int, curve: Sequence[Row], reachable: Range, steps_back: int = 
         episodes_to_solved=None if solved is None else curve[solved].episodes,
         first_episode_regret=reachable.optimum - curve[0].expected_return,
         cumulative_regret=sum(
-            (now.episodes - before.episodes) * (reachable.optimum - before.expected_return)
-            for before, now in pairwise(curve)
+            episodes * (reachable.optimum - before.expected_return) for episodes, before, _ in counted
         ),
         sampled_regret=sum(
-            (now.episodes - before.episodes) * (reachable.optimum - now.sampled_return)
-            for before, now in pairwise(curve)
+            episodes * (reachable.optimum - now.sampled_return)
+            for episodes, _, now in counted
             if now.sampled_return is not None
         ),
         steps_back=steps_back,
