@@ -80,25 +80,18 @@ def _visited(before: Known, real: TabularMDP) -> bool:
         state, action = np.nonzero(policy[t] * here[:, np.newaxis])
         if _differ(before.model, real, state, action):
             return True
-        rows = before.model.transitions[_choices(before.model)[state, action]]
+        rows = before.model.transitions[before.model.choice_table[state, action]]
         here = np.asarray(rows.sum(axis=0)).ravel() > 0
     return False
 
 
 def _differ(one: TabularMDP, other: TabularMDP, state: Ints, action: Ints) -> bool:
-    first, second = _choices(one)[state, action], _choices(other)[state, action]
+    first, second = one.choice_table[state, action], other.choice_table[state, action]
     if (second < 0).any():
         return True
     apart = abs(one.transitions[first] - other.transitions[second]).max()
     paid = np.abs(one.choice_reward[first] - other.choice_reward[second]).max()
     return bool(apart > EQUAL or paid > EQUAL)
-
-
-def _choices(model: TabularMDP) -> Ints:
-    """int64 [S, A], -1 where there is none."""
-    table = np.full((model.num_states, model.num_actions), -1)
-    table[model.choice_state, model.choice_action] = np.arange(model.num_choices)
-    return table
 
 
 def stream(

@@ -142,7 +142,7 @@ def task_batch(
         place = _places(model)
         next_state[(n, *place)] = model.branch_target[_acting(model)]
         prob[(n, *place)] = model.branch_prob[_acting(model)]
-        reward[(n, *place)] = _branch_reward(model)[_acting(model)]
+        reward[(n, *place)] = model.mean_branch_reward[_acting(model)]
         continuation[(n, *place)] = ~model.labels[COMPLETE_LABEL][model.branch_target[_acting(model)]]
     return TaskBatch(
         next_state=torch.from_numpy(next_state),
@@ -182,9 +182,3 @@ def _places(model: TabularMDP) -> tuple[Ints, Ints, Ints]:
     choice = model.branch_choice[_acting(model)]
     rank = np.arange(model.num_branches)[_acting(model)] - model.choice_to_branch[choice]
     return model.choice_state[choice], model.choice_action[choice], rank
-
-
-def _branch_reward(model: TabularMDP) -> Floats:
-    if model.branch_reward is not None:
-        return model.branch_reward
-    return model.choice_reward[model.branch_choice]

@@ -52,13 +52,25 @@ def match_rows(rows: Ints, table: Ints) -> Ints:
     Returns:
         int64 [M], an index into the table; -1 for a row that isn't there.
     """
-    row_key, table_key = row_keys(rows, table)
-    if len(table_key) == 0:
-        return np.full(len(row_key), -1, dtype=np.int64)
-    order = np.argsort(table_key, kind="stable")
-    ordered = table_key[order]
-    place = np.minimum(np.searchsorted(ordered, row_key), len(ordered) - 1)
-    return np.where(ordered[place] == row_key, order[place], -1)
+    return match_keys(*row_keys(rows, table))
+
+
+def match_keys(keys: Ints, table: Ints) -> Ints:
+    """Where each key stands in a table of distinct keys.
+
+    Args:
+        keys: int64 [M].
+        table: int64 [S].
+
+    Returns:
+        int64 [M], an index into the table; -1 for a key that isn't there.
+    """
+    if len(table) == 0:
+        return np.full(len(keys), -1, dtype=np.int64)
+    order = np.argsort(table, kind="stable")
+    ordered = table[order]
+    place = np.minimum(np.searchsorted(ordered, keys), len(ordered) - 1)
+    return np.where(ordered[place] == keys, order[place], -1)
 
 
 def first_repeat(keys: Ints) -> tuple[int, int] | None:

@@ -125,6 +125,18 @@ class TabularMDP:
         return np.repeat(np.arange(self.num_choices), np.diff(self.choice_to_branch))
 
     @cached_property
+    def choice_table(self) -> Ints:
+        """int64 [S, A], the choice of each state and action; -1 where there is none."""
+        table = np.full((self.num_states, self.num_actions), -1)
+        table[self.choice_state, self.choice_action] = np.arange(self.num_choices)
+        return table
+
+    @cached_property
+    def mean_branch_reward(self) -> Floats:
+        """float64 [B], r(s, a, s') where it is known, else what the choice earns on average."""
+        return self.choice_reward[self.branch_choice] if self.branch_reward is None else self.branch_reward
+
+    @cached_property
     def enabled(self) -> Bools:
         """bool [S, A], where an action has a choice."""
         mask = np.zeros((self.num_states, self.num_actions), dtype=np.bool_)

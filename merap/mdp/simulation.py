@@ -117,7 +117,7 @@ def simulator(models: Sequence[TabularMDP]) -> Simulator:
             np.concatenate([model.branch_prob for model in models]),
         ),
         target=np.concatenate([model.branch_target + n * num_states for n, model in enumerate(models)]),
-        reward=np.concatenate([_branch_reward(model) for model in models]),
+        reward=np.concatenate([model.mean_branch_reward for model in models]),
         completed=np.concatenate([_completed(model) for model in models]),
         starts=_lottery(
             pointers_of(np.array([np.count_nonzero(model.initial) for model in models])),
@@ -174,12 +174,6 @@ def _choice_table(model: TabularMDP, num_actions: int, base: int) -> Ints:
     table = np.full((model.num_states, num_actions), -1)
     table[model.choice_state[going], column[model.choice_action[going]]] = np.flatnonzero(going) + base
     return table
-
-
-def _branch_reward(model: TabularMDP) -> Floats:
-    if model.branch_reward is not None:
-        return model.branch_reward
-    return model.choice_reward[model.branch_choice]
 
 
 def _lottery(pointers: Ints, prob: Floats) -> Lottery:

@@ -117,13 +117,9 @@ class Forecast:
         self._values = policy_values(model, policy, horizon)
         self._settings = settings
         self.policy_value = initial_value(model, self._values[0])
-        self._choice = np.full((model.num_states, model.num_actions), -1)
-        self._choice[model.choice_state, model.choice_action] = np.arange(model.num_choices)
         self._branch_key = model.branch_choice * model.num_states + model.branch_target
         self._by_key = np.argsort(self._branch_key)
         self._branch_key = self._branch_key[self._by_key]
-        expected = model.choice_reward[model.branch_choice]
-        self._reward = expected if model.branch_reward is None else model.branch_reward
         best = row_best(model.branch_prob, model.choice_to_branch, maximise=True)
         self._unlikely = model.branch_prob < best[model.branch_choice] * (1 - TIES)
         self._surprise = np.bincount(
@@ -133,12 +129,12 @@ class Forecast:
 
     def read(self, steps: Steps) -> Readings:
         """Hold steps against the model."""
-        choice = self._choice[steps.state, steps.action]
+        choice = self._model.choice_table[steps.state, steps.action]
         branch = self._branches(choice, steps.target)
         before, after = self._values[steps.time, steps.state], self._values[steps.time + 1, steps.target]
         mean, variance = self._moments(choice, steps.time + 1)
         reward = np.where(choice >= 0, self._model.choice_reward[choice], 0.0)
-        reward = np.where(branch >= 0, self._reward[branch], reward)
+        reward = np.where(branch >= 0, self._model.mean_branch_reward[branch], reward)
         log_likelihood, log_alternatives = self._likelihoods(steps, choice, branch)
         return Readings(
             reward=steps.reward,
@@ -178,7 +174,10 @@ class Forecast:
         pointers = self._model.choice_to_branch
         branch = ragged_indices(pointers, choice[known])
         step = np.repeat(known, np.diff(pointers)[choice[known]])
-        worth = self._reward[branch] + self._values[time[step], self._model.branch_target[branch]]
+        worth = (
+            self._model.mean_branch_reward[branch]
+            + self._values[time[step], self._model.branch_target[branch]]
+        )
         prob = self._model.branch_prob[branch]
         mean = sum_by(step, prob * worth, len(choice))
         return mean, sum_by(step, prob * (worth - mean[step]) ** 2, len(choice))
