@@ -18,9 +18,8 @@ from merap.concerns.combination import Combination
 from merap.experiments.trigger_streams import Effect, Known, Noise, effect, gaussian, known, stream
 from merap.mdp.model import Floats, TabularMDP
 from merap.online.managed.slip import slipping_model
-from merap.online.running import executed
 from merap.online.trigger.batch import first_alarm, trace, window_rewards
-from merap.online.trigger.readings import Forecast, Readings, Steps, joined
+from merap.online.trigger.readings import Readings, Steps, joined
 from merap.online.trigger.settings import ChangeSettings, WindowSettings
 
 # A loss of that part of the value must be seen.
@@ -106,13 +105,10 @@ class Watched:
     Attributes:
         change: what changes.
         streams: one for each seed: the readings, and the number of steps before the change.
-        information: nats by which an episode after the change tells it, on average, if one knows what to
-            look for: the relative entropy of what is there to what is known.
     """
 
     change: Change
     streams: tuple[tuple[Readings, int], ...] = field(repr=False)
-    information: float
 
 
 def changes(case: CaseStudy, count: int, world: World, generator: np.random.Generator) -> Iterator[Change]:
@@ -175,28 +171,15 @@ def watch(change: Change, world: World, seeds: int, episodes: int, generator: np
         episodes: after the change.
         generator: of all draws.
     """
-    settings = world.settings
-    forecast = change.before.forecast(settings)
-    informed = Forecast(
-        change.real, executed(change.real, change.before.policy), change.before.horizon, settings
-    )
-    streams, information = [], []
+    forecast = change.before.forecast(world.settings)
+    streams = []
     for _ in range(seeds):
-        earlier = forecast.read(world.episodes(change.before, change.same, BEFORE, generator))
-        steps = world.episodes(change.before, change.real, episodes, generator)
-        later = forecast.read(steps)
-        information.append(_told(later, informed.read(steps), settings.noise) / episodes)
-        earlier, later = world.seen(earlier, generator), world.seen(later, generator)
-        streams.append((joined(earlier, later), len(earlier)))
-    return Watched(change, tuple(streams), float(np.mean(information)))
-
-
-def _told(by_known: Readings, by_real: Readings, noise: float) -> float:
-    """Logarithm of the likelihood ratio of what is there to what is known."""
-    misfit = (by_known.reward - by_known.expected_reward) ** 2
-    fit = (by_real.reward - by_real.expected_reward) ** 2
-    of_rewards = (misfit - fit) / (2 * noise**2)
-    return float((by_real.log_likelihood - by_known.log_likelihood + of_rewards).sum())
+        parts = [
+            world.seen(forecast.read(world.episodes(change.before, model, count, generator)), generator)
+            for model, count in ((change.same, BEFORE), (change.real, episodes))
+        ]
+        streams.append((joined(*parts), len(parts[0])))
+    return Watched(change, tuple(streams))
 
 
 def change_delays(watched: Watched, settings: ChangeSettings, log_threshold: float | None = None) -> Floats:
