@@ -18,10 +18,11 @@ since in the worst case nature leaves only an action that is worst.
 
 Where rho is 0 comes from the graph alone (the greatest set of states with a sure action all of
 whose outcomes, under any distribution of the set, stay inside), so that a threshold of 0 involves
-no numerics. Elsewhere values rise from 0. They are not the fixpoint yet when iteration stops, and
-need not be: what a budget (`budget`) promises for T steps is off by at most T times the last
-change, the residual. Iterating from above would be no remedy: where nature may let a move fail for
-ever, the fixpoint is not unique.
+no numerics. Elsewhere values rise from 0, sweep by sweep. They are not the fixpoint yet when sweeping
+stops, and need not be: what a budget (`budget`) promises for T steps is off by at most T times the last
+change, the residual. Sweeping from above would be no remedy: where nature may let a move fail for
+ever, the fixpoint is not unique. Where values rise slowly policy iteration (`game`) finds the least
+fixpoint at once; what it finds is taken only if it solves the equations.
 
 Axes as in `outcomes`; T steps.
 """
@@ -35,11 +36,13 @@ import numpy as np
 from merap.errors import EngineError
 from merap.mdp.model import Bools, Floats
 from merap.mdp.segments import row_best
+from merap.online.shield.game import make_game, row_at_risk, row_risk, solve
 from merap.online.shield.outcomes import OutcomeSets
 
 PRECISION = 1e-10
-# Models that leave a loop with 10^-5 a step take some 10^6 sweeps.
-MAX_SWEEPS = 2_000_000
+# Policy iteration is tried after so many sweeps, and again after so many times more.
+FIRST_SWEEPS, MORE_SWEEPS = 200, 4
+MAX_SWEEPS = 1_000_000
 # A risk that is there but too small for its number.
 TINY = 1e-300
 
@@ -53,7 +56,7 @@ class Risk:
         of_actions: float64 [S, A] or [T, S, A]: Q; 1 where no credible model has the action.
         certain: bool, as `of_actions`: exactly where Q is 0.
         unsafe: bool [S].
-        residual: by how much a state's value may fall short of its actions'.
+        residual: by how much the values contradict the equations at most.
     """
 
     of_states: Floats
@@ -92,7 +95,7 @@ def robust_risk(sets: OutcomeSets, horizon: int | None = None, precision: float 
         if np.array_equal(grown, risky):
             break
         risky = grown
-    values, q, residual = _rising(sets, risky, precision)
+    values, q, residual = _solved(sets, risky, precision)
     return Risk(
         of_states=values,
         of_actions=sets.table(_positive(q, of_choices), 1.0),
@@ -102,16 +105,36 @@ def robust_risk(sets: OutcomeSets, horizon: int | None = None, precision: float 
     )
 
 
-def _rising(sets: OutcomeSets, risky: Bools, precision: float) -> tuple[Floats, Floats, float]:
-    values = sets.unsafe.astype(np.float64)
-    for _ in range(MAX_SWEEPS):
-        q = choice_risk(sets, values)
-        better = np.where(risky, state_risk(sets, q), 0.0)
+def _solved(sets: OutcomeSets, risky: Bools, precision: float) -> tuple[Floats, Floats, float]:
+    """Values of the states, of the choices, and by how much they contradict each other at most.
+
+    Sweeps, and by policy iteration if there would have to be many.
+    """
+    game = make_game(sets)
+    values, attempt = sets.unsafe.astype(np.float64), FIRST_SWEEPS
+    for sweep in range(1, MAX_SWEEPS + 1):
+        better, q = _swept(sets, risky, values)
         residual = float(np.max(better - values, initial=0.0))
         if residual <= precision:
-            return np.where(risky, np.maximum(values, TINY), 0.0), q, residual
+            return better, q, residual
         values = better
+        if sweep < attempt:
+            continue
+        found = solve(game, values)
+        # What the sweeps have reached is certain.
+        if found is not None and np.all(found >= values - precision):
+            better, q = _swept(sets, risky, found)
+            contradiction = float(np.abs(better - found).max(initial=0.0))
+            if contradiction <= precision:
+                return better, q, contradiction
+        attempt *= MORE_SWEEPS
     raise EngineError(f"the risk still grows by {residual:.1e} a sweep after {MAX_SWEEPS} sweeps")
+
+
+def _swept(sets: OutcomeSets, risky: Bools, values: Floats) -> tuple[Floats, Floats]:
+    """float64 [S], what the states' values become, and float64 [C], those of the choices."""
+    q = choice_risk(sets, values)
+    return np.where(risky, np.maximum(state_risk(sets, q), TINY), 0.0), q
 
 
 def _within(sets: OutcomeSets, horizon: int) -> Risk:
@@ -131,10 +154,7 @@ def _within(sets: OutcomeSets, horizon: int) -> Risk:
 
 def choice_risk(sets: OutcomeSets, values: Floats) -> Floats:
     """float64 [C], Q if the successors' risk is float64 [S]."""
-    rows = sets.rows
-    onward = values[rows.target]
-    of_rows = (rows.prob * (rows.risk + (1 - rows.risk) * onward)).sum(axis=1)
-    worst: Floats = np.maximum.reduceat(of_rows, sets.first)
+    worst: Floats = np.maximum.reduceat(row_risk(sets.rows, values), sets.first)
     return worst
 
 
@@ -147,9 +167,7 @@ def state_risk(sets: OutcomeSets, of_choices: Floats) -> Floats:
 
 def _choices_risky(sets: OutcomeSets, risky: Bools) -> Bools:
     """bool [C], whether some distribution can lead to a risky state, or is a risk by itself."""
-    rows = sets.rows
-    of_rows = ((rows.prob > 0) & (risky[rows.target] | (rows.risk > 0))).any(axis=1)
-    found: Bools = np.logical_or.reduceat(of_rows, sets.first)
+    found: Bools = np.logical_or.reduceat(row_at_risk(sets.rows, risky), sets.first)
     return found
 
 
