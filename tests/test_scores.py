@@ -94,6 +94,7 @@ def test_the_summary_counts() -> None:
         "mean_return": 4.0,
         "mean_discounted_return": 2.0,
         "mean_optimum": 6.0,
+        "mean_safe_optimum": None,
         "regret": 4.0,
         "completed": 1,
         "unsafe_visits": 3,
@@ -127,3 +128,12 @@ def test_a_report_is_json_and_keeps_the_clock_apart() -> None:
     later = dataclasses.replace(report, seconds=(9.0,) * 6).as_dict()
     del content["times"], later["times"]
     assert json.loads(json.dumps(later)) == content
+
+
+def test_a_shielded_loop_is_held_to_what_its_threshold_leaves() -> None:
+    """4 of at most 4 within the threshold is as good as can be, though 6 is the free optimum."""
+    shielded = [dataclasses.replace(one, safe_optimum=4.0, expected=4.0) for one in course(-9.0, -9.0, -9.0)]
+    (found,) = reactions(shielded, STAGES)
+    assert (found.episodes, found.lost) == (1, 0.0)
+    assert summary(shielded, [found])["mean_safe_optimum"] == 4.0
+    assert summary(shielded, [found])["mean_optimum"] == 6.0

@@ -116,9 +116,11 @@ def _show(report: LoopReport) -> None:
     if rows:
         table(columns, rows)
     found = report.as_dict()["summary"]
+    safe = found["mean_safe_optimum"]
+    within = "" if safe is None else f", {number(safe, 4)} within the shield's threshold"
     say(
         f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average, "
-        f"{number(found['mean_optimum'], 4)} was possible; {found['completed']} completed, "
+        f"{number(found['mean_optimum'], 4)} was possible{within}; {found['completed']} completed, "
         f"{found['unsafe_visits']} unsafe visits"
     )
     say(

@@ -85,6 +85,11 @@ def _draw_values(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
         optimum, edges, baseline=None, color=INK, linestyle="dashed", linewidth=1.2,
         label="optimum in force", gid="optimum",
     )  # fmt: skip
+    if any(row.safe_optimum is not None for row in rows):
+        axes.stairs(
+            [row.possible for row in rows], edges, baseline=None, color=INK, linestyle="dotted",
+            linewidth=1.2, label="optimum within the shield's threshold", gid="safe_optimum",
+        )  # fmt: skip
     axes.plot(
         episodes, [row.expected for row in rows], color=GREEN, linewidth=1.4, linestyle=(0, (1, 0.9)),
         label="expected return of the policy", gid="expected",

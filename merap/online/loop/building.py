@@ -75,7 +75,8 @@ def build(
     """
     spec, case = scenario.spec, run.case
     fallback = scenario.action(case)
-    stages = truths(scenario.stages(case), spec.noise.slip)
+    threshold = None if spec.shield is None else spec.shield.threshold
+    stages = truths(scenario.stages(case), spec.noise.slip, threshold)
     horizon = stages[0].stage.system.objective.horizon
     drawn = np.random.default_rng(spec.seed).spawn(4)
     of_system, of_sensors, of_learner, of_planner = drawn

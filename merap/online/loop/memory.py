@@ -118,7 +118,7 @@ class Memory:
             if decision.kind in _TOLD:
                 message = f"{decision.kind}: {'; '.join(decision.reasons)}"
                 self._event(*_TOLD[decision.kind], message, log.episode, decision.step)
-        message = f"episode {row.episode} returned {row.earned:.4g} of {row.optimum:.4g}"
+        message = f"episode {row.episode} returned {row.earned:.4g} of {row.possible:.4g}"
         self._event("monitor", "info", message, log.episode, row.steps)
 
     def _event(self, component: str, level: Level, message: str, episode: int, step: int) -> None:

@@ -92,6 +92,8 @@ class EpisodeRow:
         updates: of the policy.
         fallbacks: actions in place of plans that were late or could not be made.
         problems: faults of the system.
+        safe_optimum: as `optimum`, of the best policy within the shield's threshold; None: there is no
+            shield.
     """
 
     episode: int
@@ -110,3 +112,9 @@ class EpisodeRow:
     updates: int
     fallbacks: int
     problems: int
+    safe_optimum: float | None = None
+
+    @property
+    def possible(self) -> float:
+        """The optimum that the loop is held to."""
+        return self.optimum if self.safe_optimum is None else self.safe_optimum

@@ -171,6 +171,7 @@ def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
             updates=log.count("update"),
             fallbacks=log.count("fallback"),
             problems=len(log.problems),
+            safe_optimum=truth.safe_optimum,
         ),
         log,
     )

@@ -21,7 +21,8 @@ class Reaction:
     """How the loop came to terms with a change.
 
     It has recovered when the policy that would act if learning stopped is within 5 % of the
-    optimum, and still is after the next two episodes. A change that does the policy no harm needs
+    optimum, which is that within the shield's threshold if there is a shield, and still is after the
+    next two episodes. A change that does the policy no harm needs
     no reaction: all three times are 0.
 
     Attributes:
@@ -31,7 +32,7 @@ class Reaction:
             before the next change.
         episodes: until it had recovered; None: it had not before the next change.
         steps: likewise.
-        lost: by how much less than the optimum it earned until then, or until the next change.
+        lost: by how much less than that optimum it earned until then, or until the next change.
     """
 
     episode: int
@@ -108,7 +109,7 @@ def reactions(rows: Sequence[EpisodeRow], stages: Sequence[Stage]) -> tuple[Reac
 def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
     first = rows[0]
     assert first.entered is not None
-    reachable = Range(first.optimum, -np.inf)
+    reachable = Range(first.possible, -np.inf)
     values = [first.entered, *(row.expected for row in rows)]
     recovered = lasting([reachable.within_5_percent(value) for value in values])
     until = rows if recovered is None else rows[:recovered]
@@ -118,18 +119,20 @@ def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
         replanned=next((row.episode for row in rows if row.replans), None),
         episodes=recovered,
         steps=None if recovered is None else sum(row.steps for row in until),
-        lost=float(sum(row.optimum - row.earned for row in until)),
+        lost=float(sum(row.possible - row.earned for row in until)),
     )
 
 
 def summary(rows: Sequence[EpisodeRow], reacted: Sequence[Reaction]) -> dict[str, Any]:
     """Figures over all episodes; means of reactions are of those that there were."""
     episodes = [reaction.episodes for reaction in reacted if reaction.episodes is not None]
+    safe = [row.safe_optimum for row in rows if row.safe_optimum is not None]
     return {
         "episodes": len(rows),
         "mean_return": _mean([row.earned for row in rows]),
         "mean_discounted_return": _mean([row.discounted for row in rows]),
         "mean_optimum": _mean([row.optimum for row in rows]),
+        "mean_safe_optimum": _mean(safe),
         "regret": float(sum(row.optimum - row.earned for row in rows)),
         "completed": sum(row.completed for row in rows),
         "unsafe_visits": sum(row.unsafe for row in rows),
