@@ -51,6 +51,14 @@ def train(
         list[str] | None, typer.Option("--set", help="key=value for any setting; may be repeated.")
     ] = None,
     tensorboard: Annotated[bool, typer.Option(help="Also write metrics for TensorBoard.")] = False,
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="A finished run to begin with, as when a case was extended; its settings hold where none "
+            "are given.",
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option(help="Go on with the run in this folder.")] = False,
 ) -> None:
     """Learn a meta policy over the model base of a case."""
@@ -69,6 +77,7 @@ def train(
         if (
             case is not None
             or config is not None
+            or source is not None
             or settings
             or any(value is not None for value in given.values())
         ):
@@ -79,7 +88,9 @@ def train(
             raise InputError("a case is missing", source="merap train")
         study = load_case(case)
         warn(study.warnings)
-        run = running.begin_run(out, study, read_config(config, settings or [], **given))
+        begun = None if source is None else read_run(source)
+        chosen = read_config(config, settings or [], None if begun is None else begun.config, **given)
+        run = running.begin_run(out, study, chosen, begun)
     seconds: list[float] = []
 
     def show(metrics: UpdateMetrics) -> None:

@@ -16,9 +16,10 @@ from merap.learning.meta import MetaPolicy, step_rule
 from merap.learning.metrics import COLUMNS, TIMES, UpdateMetrics, csv_text, read_metrics
 from merap.learning.policy import Parameters
 from merap.learning.progress import Progress
-from merap.learning.run_folder import RunFolder
+from merap.learning.run_folder import START_FILE, RunFolder
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import Best, TrainingState, initial_state, policy_network
+from merap.learning.warm_start import begun_from
 
 POLICY_FILE = "policy.safetensors"
 CHECKPOINT_FILE = "checkpoint.safetensors"
@@ -37,21 +38,26 @@ _BEST = "best."
 
 def write_policy(run: RunFolder, policy: MetaPolicy) -> None:
     """Write what a run has learned."""
+    write_bytes(run.path / POLICY_FILE, policy_bytes(policy), force=True)
+
+
+def policy_bytes(policy: MetaPolicy) -> bytes:
+    """A meta policy as a safetensors file."""
     tensors = {
         **_prefixed(_PARAMETER, policy.parameters),
         **_prefixed(_STEP_SIZE, policy.step_sizes),
         _VARIANCE: policy.variance,
     }
-    write_bytes(run.path / POLICY_FILE, save(tensors), force=True)
+    return save(tensors)
 
 
-def read_policy(run: RunFolder, tasks: TaskBatch) -> MetaPolicy:
-    """Read what a run has learned.
+def read_policy(run: RunFolder, tasks: TaskBatch, file: str = POLICY_FILE) -> MetaPolicy:
+    """Read what a run has learned, or with `START_FILE` where it began.
 
     Raises:
         InputError: training has not ended, or the file does not fit.
     """
-    path = run.path / POLICY_FILE
+    path = run.path / file
     tensors = _load(path, "training has not ended; go on with `merap train --resume`")
     network = policy_network(tasks, run.config)
     parameters = {name: torch.zeros(shape) for name, shape in network.parameter_shapes.items()}
@@ -92,10 +98,15 @@ def write_checkpoint(run: RunFolder, state: TrainingState, metrics: Sequence[Upd
 def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, list[UpdateMetrics]]:
     """The state a run can go on from, and its metrics up to there; the initial one if it has none.
 
+    The initial one is that of another run where there is a `START_FILE`.
+
     Raises:
         InputError: the files don't fit.
     """
-    state = initial_state(policy_network(tasks, run.config), run.config)
+    if (run.path / START_FILE).exists():
+        state = begun_from(read_policy(run, tasks, START_FILE), tasks, run.config)
+    else:
+        state = initial_state(policy_network(tasks, run.config), run.config)
     path = run.path / CHECKPOINT_FILE
     if not path.exists():
         return state, []

@@ -3,6 +3,7 @@
     manifest.json             kind, settings, versions, digest of the case
     case.yaml                 the case as one file
     base/<combination>.umb    the tasks, as Storm and other checkers read them
+    start.safetensors         what training begins with, if that is another run's policy
     policy.safetensors        parameters, step sizes, advantages' variance
     checkpoint.safetensors    the state of training: also optimizer and generator
     metrics.csv, times.csv    a row for each update; times apart, since they never repeat
@@ -18,7 +19,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ from merap.mdp.umb import read_umb, write_umb
 
 KIND = "merap training run"
 CASE_FILE = "case.yaml"
+START_FILE = "start.safetensors"
 BASE_FOLDER = "base"
 PACKAGES = ("merap", "torch", "stormpy", "numpy")
 
@@ -69,8 +71,32 @@ def require_free(path: Path) -> None:
         raise OutputError(f"{path}: exists already; choose another folder, or go on with --resume")
 
 
-def create_run(path: Path, case: CaseStudy, base: ModelBase, config: TrainingConfig) -> RunFolder:
+@dataclass(frozen=True)
+class Start:
+    """What another run has learned, for a run that begins there.
+
+    Attributes:
+        policy: as a safetensors file.
+        case: name of the case that it was learned for.
+        digest: of that case.
+    """
+
+    policy: bytes = field(repr=False)
+    case: str
+    digest: str
+
+
+def create_run(
+    path: Path, case: CaseStudy, base: ModelBase, config: TrainingConfig, start: Start | None = None
+) -> RunFolder:
     """Make the folder of a run that has not begun.
+
+    Args:
+        path: of the folder.
+        case: to be learned.
+        base: of the case.
+        config: every setting.
+        start: where training begins; None: at random parameters.
 
     Raises:
         OutputError: `path` holds something, or can't be written.
@@ -83,11 +109,15 @@ def create_run(path: Path, case: CaseStudy, base: ModelBase, config: TrainingCon
         for name, model in zip(base.names, base.models, strict=True):
             files.append(f"{BASE_FOLDER}/{name}.umb")
             write_umb(restrict_to_reachable(model), staging / files[-1])
+        if start is not None:
+            (staging / START_FILE).write_bytes(start.policy)
+            files.append(START_FILE)
         content = {
             "case": case.name,
             "digest": case.digest,
             "config": config.model_dump(mode="json"),
             "tasks": list(base.names),
+            "begun_from": None if start is None else {"case": start.case, "digest": start.digest},
             "covered": base.covered,
             "compared": base.compared,
             "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,15 +12,23 @@ from pathlib import Path
 from merap.base.build import build_base
 from merap.base.folder import write_file
 from merap.concerns.case_study import CaseStudy
-from merap.learning.checkpoint import read_checkpoint, write_checkpoint, write_policy
+from merap.learning.checkpoint import (
+    policy_bytes,
+    read_checkpoint,
+    read_policy,
+    write_checkpoint,
+    write_policy,
+)
 from merap.learning.config import TrainingConfig
 from merap.learning.event_log import Log, event_log
 from merap.learning.meta import MetaPolicy
 from merap.learning.metrics import UpdateMetrics
 from merap.learning.observation import case_kinds
-from merap.learning.run_folder import RunFolder, create_run, read_run, read_tasks, require_free
+from merap.learning.run_folder import RunFolder, Start, create_run, read_run, read_tasks, require_free
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import Outcome, TrainingState, meta_policy, outcome, updates
+from merap.learning.warm_start import require_fit
+from merap.mdp.model import TabularMDP
 
 SECONDS_BETWEEN_CHECKPOINTS = 0.5
 OUTCOME_FILE = "outcome.json"
@@ -29,24 +37,42 @@ EVENTS_FOLDER = "events"
 OnUpdate = Callable[[UpdateMetrics], None]
 
 
-def begin_run(path: Path, case: CaseStudy, config: TrainingConfig) -> RunFolder:
+def begin_run(
+    path: Path, case: CaseStudy, config: TrainingConfig, source: RunFolder | None = None
+) -> RunFolder:
     """Build the base of a case and make the folder of a run over it.
 
+    Args:
+        path: of the folder.
+        case: to be learned.
+        config: every setting.
+        source: a finished run whose policy training begins with; None: random parameters.
+
     Raises:
+        InputError: the source has not ended, or its policy does not fit the case.
         OutputError: `path` holds something, or can't be written.
         ModelError: a model is unsound.
         EngineError: Storm failed.
     """
     require_free(path)
     base = build_base(case, max_tasks=config.max_tasks, seed=config.seed)
-    return create_run(path, case, base, config)
+    if source is None:
+        return create_run(path, case, base, config)
+    meta = read_policy(source, tasks_of(source))
+    require_fit(meta, source.case, case, batch_of(case, base.models), config)
+    start = Start(policy_bytes(meta), source.case.name, source.case.digest)
+    return create_run(path, case, base, config, start)
 
 
 def tasks_of(run: RunFolder) -> TaskBatch:
     """The tasks of a run, from its archives."""
-    horizon = run.case.combination_at(0).objective.horizon
-    kinds = case_kinds(run.case.space, len(run.case.modes))
-    return task_batch(read_tasks(run), horizon, run.case.discount, kinds=kinds)
+    return batch_of(run.case, read_tasks(run))
+
+
+def batch_of(case: CaseStudy, models: Sequence[TabularMDP]) -> TaskBatch:
+    """Canonical models of a case as tasks."""
+    horizon = case.combination_at(0).objective.horizon
+    return task_batch(models, horizon, case.discount, kinds=case_kinds(case.space, len(case.modes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +131,15 @@ def train(
     path: Path,
     config: TrainingConfig | None = None,
     on_update: OnUpdate = lambda metrics: None,
+    source: RunFolder | None = None,
 ) -> RunFolder:
-    """Train a meta policy for a case into a new folder; raises as `begin_run`."""
-    run = begin_run(path, case, config or TrainingConfig())
+    """Train a meta policy for a case into a new folder; raises as `begin_run`.
+
+    It begins at random parameters, or with the source's policy. Where no settings are given they are those
+    of the source, or the defaults.
+    """
+    settings = config or (TrainingConfig() if source is None else source.config)
+    run = begin_run(path, case, settings, source)
     train_run(run, on_update)
     return run
 

@@ -16,18 +16,21 @@ from merap.errors import InputError
 from merap.learning.config import TrainingConfig
 
 
-def read_config(file: Path | None, words: Sequence[str], **given: Any) -> TrainingConfig:
-    """The settings of a run; later sources win: defaults, file, words, options.
+def read_config(
+    file: Path | None, words: Sequence[str], base: TrainingConfig | None = None, **given: Any
+) -> TrainingConfig:
+    """The settings of a run; later sources win: defaults or base, file, words, options.
 
     Args:
         file: a YAML mapping of settings.
         words: `key=value` each, the value in YAML.
+        base: settings that hold where none are given; None: the defaults.
         **given: settings from options of their own; None for those not given.
 
     Raises:
         InputError: an unknown setting or a value that is not allowed; names it.
     """
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = {} if base is None else base.model_dump()
     if file is not None:
         settings |= _checked(read_document(file).data, str(file))
     for word in words:
