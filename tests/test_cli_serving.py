@@ -57,9 +57,11 @@ def test_a_run_manages_a_system_that_is_served(
     again = merap("manage", run.path, url, "--json", report)
     assert again.returncode == 2
     assert "exists already" in error_of(again)
-    nobody = merap("manage", run.path, f"http://127.0.0.1:{free_port()}")
+    gone = tmp_path / "gone.json"
+    nobody = merap("manage", run.path, f"http://127.0.0.1:{free_port()}", "--json", gone)
     assert nobody.returncode == 3
     assert error_of(nobody).startswith("error: refused: http://127.0.0.1:")
+    assert json.loads(gone.read_text())["ended_by"].startswith("refused: http://127.0.0.1:")
 
 
 def test_a_port_that_is_taken_is_one_clear_line(server: tuple[subprocess.Popen[str], str]) -> None:

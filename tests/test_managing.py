@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from merap.learning.run_folder import RunFolder
 from merap.mdp.planning import optimum
 from merap.online.belief.space import hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
-from merap.online.managed.faults import SystemFault
 from merap.online.managed.guarded import GuardedSystem, Retries
 from merap.online.managed.managing import Patience, manage
 from merap.online.managed.served_dialect import open_served
@@ -92,8 +92,32 @@ def test_faults_that_were_mended_are_counted(run: RunFolder) -> None:
 
 
 def test_a_system_that_is_not_there_is_a_fault(run: RunFolder) -> None:
-    with pytest.raises(SystemFault, match="refused: http://127"):
-        manage(run, f"http://127.0.0.1:{free_port()}", strategy="belief", episodes=1)
+    found = manage(run, f"http://127.0.0.1:{free_port()}", strategy="belief", episodes=1)
+    assert str(found.ended_by).startswith("refused: http://127")
+    assert found.returns == ()
+
+
+def test_what_was_earned_until_a_fault_is_kept(run: RunFolder) -> None:
+    """The first episode goes well; soon after every request fails, more often than it is retried."""
+    server = FlakyServer(served_system(run.case.system("met"), detect=True), iter(()))
+
+    def fail_from_now_on(number: int, earned: float) -> None:
+        server.mishaps = repeat("failed")
+
+    with raw_server(server) as url:
+        found = manage(
+            run,
+            url,
+            strategy="retrieval",
+            episodes=3,
+            patience=Patience(retries=1),
+            on_episode=fail_from_now_on,
+        )
+    assert len(found.returns) == 1
+    assert found.faults == {"failed": 2}
+    assert found.explanation
+    assert str(found.ended_by).startswith("failed: ")
+    assert found.as_dict()["ended_by"] == str(found.ended_by)
 
 
 def test_a_system_of_another_case_is_refused(run: RunFolder) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Condition
-from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
@@ -21,7 +20,7 @@ from merap.online.shield.models import model_sets
 from merap.online.shield.policy import policy_risk
 from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
 from merap.online.shield.supervision import Safety, Supervised, total, unsafe_of
-from merap.online.strategy import StateIndex, Strategy
+from merap.online.strategy import Strategy
 from merap.online.systems import Observation, SimulatedSystem
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -62,12 +61,11 @@ class Reckless:
 
 
 def met(name: str, strategy: Strategy, episodes: int, seed: int, system: str = "met") -> Safety:
-    case, space = shipped(name)
-    combination = case.system(system)
+    combination = shipped(name)[0].system(system)
     simulated = SimulatedSystem(combination, combination.objective.horizon, np.random.default_rng(seed))
     unsafe = unsafe_of(combination)
     assert unsafe is not None
-    supervised = Supervised(simulated, StateIndex(space.valuations), unsafe)
+    supervised = Supervised(simulated, unsafe)
     for _ in range(episodes):
         episode(supervised, strategy)
         strategy.update()
@@ -161,17 +159,22 @@ def test_sums_over_adaptations() -> None:
     assert total([replace(one, shield=None) for one in runs])["shield"] is None
 
 
-def test_a_task_that_ends_in_an_unsafe_state_can_not_be_supervised() -> None:
-    case, _ = shipped("hazard-grid")
-    system = case.system("met")
+def test_nothing_is_unsafe_where_the_objective_says_nothing() -> None:
+    system = shipped("hazard-grid")[0].system("met")
     assert unsafe_of(replace(system, objective=replace(system.objective, unsafe=None))) is None
-    ending = replace(system, objective=replace(system.objective, ends_in=Condition(at=unsafe_places(case))))
-    with pytest.raises(InputError, match=r"completed in the unsafe state \(row=\d, col=\d"):
-        unsafe_of(ending, required=True)
-    assert unsafe_of(ending) is None
 
 
-def unsafe_places(case: CaseStudy) -> Bools:
-    unsafe = unsafe_of(case.system("met"))
+def test_a_task_that_ends_in_an_unsafe_state_is_a_violation() -> None:
+    """Every hole ends the task: at random it is met with, as above; the last observation doesn't tell."""
+    case, space = shipped("hazard-grid")
+    system = case.system("met")
+    unsafe = unsafe_of(system)
     assert unsafe is not None
-    return unsafe[:-1]
+    ending = replace(system, objective=replace(system.objective, ends_in=Condition(at=unsafe)))
+    simulated = SimulatedSystem(ending, ending.objective.horizon, np.random.default_rng(0))
+    supervised = Supervised(simulated, unsafe)
+    reckless = Reckless(space, np.random.default_rng(1))
+    for _ in range(12):
+        episode(supervised, reckless)
+    found = supervised.safety(None)
+    assert 0 < found.violations <= found.completed

@@ -132,6 +132,8 @@ def manage(
         say(f"faults: {faults}; late decisions: {found.late}")
         for line in found.explanation:
             say(line)
+    if found.ended_by is not None:
+        raise found.ended_by
 
 
 def _log_to_standard_error() -> None:

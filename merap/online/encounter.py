@@ -1,6 +1,6 @@
 """A simulated system that is met: what it is like, and how strategies meet it.
 
-Axes: S states of the canonical index.
+Axes: P locations, Q modes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from merap.online.running import reachable_range
 from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
 from merap.online.shield.supervision import Supervised, unsafe_of
 from merap.online.strategies.registry import StrategyContext, make_strategy
-from merap.online.strategy import StateIndex, Strategy
+from merap.online.strategy import Strategy
 from merap.online.systems import SimulatedSystem
 
 
@@ -52,7 +52,7 @@ class Encounter:
         reachable: what any policy can earn there.
         context: what strategies are made from.
         shield: what strategies are shielded by; None: nothing.
-        unsafe: bool [S], where the system's objective says so; None: it says nothing.
+        unsafe: bool [P * Q], where the system's objective says so; None: it says nothing.
     """
 
     system: Combination
@@ -80,7 +80,7 @@ def encounter(
     shield: ShieldSettings | None = None,
 ) -> Encounter:
     """Build a system that is met; see `adaptation.adapt`."""
-    unsafe = unsafe_of(system, required=shield is not None)
+    unsafe = unsafe_of(system)
     given = replace(conditions, reset=conditions.reset or system.reset)
     model = slipping_model(system, given.slip) if given.slip else model_of(system)
     horizon = system.objective.horizon
@@ -104,6 +104,5 @@ def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSyste
 
 def supervised(met: Encounter, simulated: SimulatedSystem) -> Supervised:
     """The same with its violations counted; none if nothing is unsafe there."""
-    nowhere = np.zeros(met.model.num_states, dtype=np.bool_)
-    unsafe = nowhere if met.unsafe is None else met.unsafe
-    return Supervised(simulated, StateIndex(met.model.valuations), unsafe)
+    nowhere = np.zeros(met.model.num_states - 1, dtype=np.bool_)
+    return Supervised(simulated, nowhere if met.unsafe is None else met.unsafe)

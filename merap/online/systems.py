@@ -156,6 +156,11 @@ class SimulatedSystem:
         return self._state if self._state < 0 else int(self._world.canonical[self._state])
 
     @property
+    def standing(self) -> int:
+        """Location and mode, p * Q + q, also where the task is complete; for a model alone as `state`."""
+        return self._state // 2 if isinstance(self._world, Situated) else self.state
+
+    @property
     def enabled(self) -> Bools:
         """bool [A], the actions that are possible now."""
         enabled: Bools = self._world.simulator.choice[self._state] >= 0

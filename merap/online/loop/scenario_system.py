@@ -115,7 +115,7 @@ class ScenarioSystem:
             steps=before.steps + 1,
             earned=before.earned + observation.reward,
             discounted=before.discounted + discount**before.steps * observation.reward,
-            unsafe=before.unsafe + int(self.truth.unsafe[self._system.state]),
+            unsafe=before.unsafe + int(self.truth.unsafe[self._system.standing]),
             completed=observation.continuation == 0,
         )
 

@@ -1,6 +1,6 @@
 """What is really there at each stage: for the simulation and the report, never for the loop's parts.
 
-Axes: S states of the canonical index, the completed state is the last.
+Axes: S states of the canonical index, the completed state is the last; P locations, Q modes.
 """
 
 from __future__ import annotations
@@ -10,15 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.steps import holds_in_states
+from merap.concerns.combination import Combination
+from merap.concerns.synthesis import attach
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.online.curve import Range
 from merap.online.loop.scenario import Stage
-from merap.online.managed.slip import slipping_model
+from merap.online.managed.slip import slipping_model, slipping_pair
 from merap.online.running import executed
 from merap.online.shield.constrained import constrained_optimum
+from merap.online.shield.models import UNSAFE_LABEL
+from merap.online.shield.supervision import unsafe_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class Truth:
         model: canonical, slip included.
         reachable: undiscounted returns of the best and the worst time-indexed policy.
         discounted_optimum: of the best time-indexed policy.
-        unsafe: bool [S].
+        unsafe: bool [P * Q], by location and mode.
         safe_optimum: undiscounted return of the best policy within the shield's threshold, if the
             model is known; None: there is no shield.
     """
@@ -65,17 +68,21 @@ def truths(stages: Sequence[Stage], slip: float, threshold: float | None = None)
 def _truth(stage: Stage, slip: float, threshold: float | None) -> Truth:
     system, objective = stage.system, stage.system.objective
     model = slipping_model(system, slip)
-    unsafe = np.zeros(model.num_states, dtype=np.bool_)
-    if objective.unsafe is not None:
-        unsafe[:-1] = holds_in_states(system, objective.unsafe)
-    safe = None
-    if threshold is not None:
-        safe = constrained_optimum(model, unsafe, threshold, objective.horizon)
+    unsafe = unsafe_of(system)
+    nowhere = np.zeros(model.num_states - 1, dtype=np.bool_)
     return Truth(
         stage=stage,
         model=model,
         reachable=Range(optimum(model, objective.horizon), worst_value(model, objective.horizon)),
         discounted_optimum=optimum(model, objective.horizon, system.discount),
-        unsafe=unsafe,
-        safe_optimum=safe,
+        unsafe=nowhere if unsafe is None else unsafe,
+        safe_optimum=None if threshold is None else _safe_optimum(system, slip, threshold),
     )
+
+
+def _safe_optimum(system: Combination, slip: float, threshold: float) -> float:
+    """On the whole states: the canonical index does not tell where a task was completed."""
+    whole = attach(slipping_pair(system, slip), system)
+    nowhere = np.zeros(whole.num_states, dtype=np.bool_)
+    unsafe = whole.labels.get(UNSAFE_LABEL, nowhere)
+    return constrained_optimum(whole, unsafe, threshold, system.objective.horizon)

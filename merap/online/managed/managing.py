@@ -57,6 +57,7 @@ class Management:
         faults: kind -> how many there were, those that a retry has mended among them.
         late: how many decisions were late.
         explanation: plain lines of the strategy, at the end.
+        ended_by: the fault that ended it before its last episode; None: there was none.
     """
 
     system: str
@@ -65,6 +66,7 @@ class Management:
     faults: dict[str, int]
     late: int
     explanation: tuple[str, ...]
+    ended_by: SystemFault | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -75,6 +77,7 @@ class Management:
             "faults": self.faults,
             "late_decisions": self.late,
             "explanation": list(self.explanation),
+            "ended_by": None if self.ended_by is None else str(self.ended_by),
         }
 
 
@@ -91,6 +94,8 @@ def manage(
 ) -> Management:
     """Let a strategy adapt to a system of the run's case that `merap serve` offers.
 
+    A fault that no retry and no fallback mends ends it; what was earned until then is the result.
+
     Args:
         run: a finished training run.
         url: where the system is.
@@ -103,7 +108,6 @@ def manage(
 
     Raises:
         InputError: there is no such strategy or fallback, or the system is none of the case.
-        SystemFault: the system can't be reached or does not behave.
     """
     given = patience or Patience()
     case = run.case
@@ -113,21 +117,29 @@ def manage(
     def count(fault: SystemFault) -> None:
         faults[fault.kind] += 1
 
-    with open_served(url, timeout=given.timeout, actions=case.actions, variables=variables) as system:
-        horizon = system.interface.horizon or case.combination_at(0).objective.horizon
-        context = StrategyContext(run, horizon, case.discount, episodes_per_step)
-        acting = make_strategy(strategy, context, np.random.default_rng(seed))
-        guarded = GuardedSystem(
-            system, retries=Retries(given.retries), fallback=given.fallback, on_fault=count
-        )
-        guard = _guarded(acting, case.actions, given)
-        returns = []
-        for number, earned in enumerate(_episodes(guarded, guard, episodes), 1):
-            returns.append(earned)
-            on_episode(number, earned)
-        explanation = guard.explain()
-    late = guard.times_late if isinstance(guard, GuardedStrategy) else 0
-    return Management(url, strategy, tuple(returns), dict(faults), late, explanation)
+    returns: list[float] = []
+    late, ended_by = 0, None
+    explanation: tuple[str, ...] = ()
+    try:
+        with open_served(url, timeout=given.timeout, actions=case.actions, variables=variables) as system:
+            horizon = system.interface.horizon or case.combination_at(0).objective.horizon
+            context = StrategyContext(run, horizon, case.discount, episodes_per_step)
+            acting = make_strategy(strategy, context, np.random.default_rng(seed))
+            guarded = GuardedSystem(
+                system, retries=Retries(given.retries), fallback=given.fallback, on_fault=count
+            )
+            guard = _guarded(acting, case.actions, given)
+            for earned in _episodes(guarded, guard, episodes):
+                if isinstance(earned, SystemFault):
+                    ended_by = earned
+                    break
+                returns.append(earned)
+                on_episode(len(returns), earned)
+            explanation = guard.explain()
+            late = guard.times_late if isinstance(guard, GuardedStrategy) else 0
+    except SystemFault as fault:
+        ended_by = fault
+    return Management(url, strategy, tuple(returns), dict(faults), late, explanation, ended_by)
 
 
 def _guarded(strategy: Strategy, actions: tuple[str, ...], patience: Patience) -> Strategy:
@@ -136,8 +148,14 @@ def _guarded(strategy: Strategy, actions: tuple[str, ...], patience: Patience) -
     return GuardedStrategy(strategy, actions, deadline=patience.decision, fallback=patience.fallback)
 
 
-def _episodes(system: ManagedSystem, strategy: Strategy, count: int) -> Iterator[float]:
+def _episodes(system: ManagedSystem, strategy: Strategy, count: int) -> Iterator[float | SystemFault]:
+    """The return of each episode; a fault is the last."""
     for number in range(1, count + 1):
-        yield episode(system, strategy)
+        try:
+            earned = episode(system, strategy)
+        except SystemFault as fault:
+            yield fault
+            return
+        yield earned
         if number % strategy.episodes_per_update == 0:
             strategy.update()

@@ -1,6 +1,6 @@
 """Violations of a system that is really met: counted from outside, whoever acts.
 
-Axes: S states of the canonical index, the completed state is the last.
+Axes: P locations, Q modes.
 """
 
 from __future__ import annotations
@@ -9,18 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from merap.concerns.combination import Combination
 from merap.concerns.steps import holds_in_states
-from merap.concerns.synthesis import synthesise
-from merap.errors import InputError
-from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.model import Bools
-from merap.online.shield.models import UNSAFE_LABEL
 from merap.online.shield.shield import ShieldReport
-from merap.online.strategy import StateIndex
-from merap.online.systems import ManagedSystem, Observation
+from merap.online.systems import Observation, SimulatedSystem
 
 
 @dataclass(frozen=True)
@@ -67,42 +60,24 @@ def total(found: Sequence[Safety]) -> dict[str, Any]:
     return {**sums, "shield": {"threshold": shields[0].threshold, **counts, "worst_risk": worst}}
 
 
-def unsafe_of(system: Combination, *, required: bool = False) -> Bools | None:
-    """bool [S], the unsafe states of a system; None if they can't be supervised.
-
-    They can't if the objective declares none, or if the task can be completed in an unsafe state: on
-    the canonical index, which has one completed state, that violation could not be seen.
-
-    Raises:
-        InputError: it is required, and the task can be completed in an unsafe state.
-    """
+def unsafe_of(system: Combination) -> Bools | None:
+    """bool [P * Q], where a system's objective says so, by location and mode; None: it says nothing."""
     condition = system.objective.unsafe
-    if condition is None:
-        return None
-    whole = synthesise(system)
-    hidden = np.flatnonzero(whole.reachable & whole.labels[COMPLETE_LABEL] & whole.labels[UNSAFE_LABEL])
-    if len(hidden) and not required:
-        return None
-    if len(hidden):
-        raise InputError(
-            f"{system.name}: the task can be completed in the unsafe state "
-            f"{whole.describe_state(int(hidden[0]))}, where a violation can't be counted; let it go on there"
-        )
-    return np.append(holds_in_states(system, condition), False)
+    return None if condition is None else holds_in_states(system, condition)
 
 
 class Supervised:
-    """A managed system whose violations are counted; see `systems.ManagedSystem`.
+    """A simulated system whose violations are counted; see `systems.ManagedSystem`.
+
+    The simulation knows where it is also when the task is complete, which an observation doesn't tell.
 
     Args:
-        system: what is met.
-        index: of its case.
-        unsafe: bool [S].
+        system: what is met, made from a combination.
+        unsafe: bool [P * Q].
     """
 
-    def __init__(self, system: ManagedSystem, index: StateIndex, unsafe: Bools) -> None:
+    def __init__(self, system: SimulatedSystem, unsafe: Bools) -> None:
         self._system = system
-        self._index = index
         self._unsafe = unsafe
         self._episodes = self._violations = self._completed = 0
         self._violated = False
@@ -125,7 +100,7 @@ class Supervised:
         return observation
 
     def _seen(self, observation: Observation) -> Observation:
-        if not self._violated and self._unsafe[self._index(observation)]:
+        if not self._violated and self._unsafe[self._system.standing]:
             self._violated = True
             self._violations += 1
         return observation
