@@ -1,7 +1,9 @@
-"""Learn on random FrozenLake maps and adapt to one that was not among them: frozen_lake.py [--updates n]."""
+"""Learn on random FrozenLake maps and adapt to some that were not among them: frozen_lake.py [--slippery]."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import gymnasium
@@ -10,6 +12,7 @@ import typer
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from merap.learning.config import TrainingConfig
+from merap.learning.meta import MetaPolicy
 from merap.learning.models import train_models
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.planning import optimum
@@ -17,35 +20,82 @@ from merap.online.managed.gymnasium import GymnasiumSystem
 from merap.online.running import adaptation, evaluator
 from merap.online.strategies.gradient import GradientStrategy
 
-HORIZON = 30
 EPISODES = 35
+LEARNED_FROM = range(256)  # seeds of maps
 
 
-def lake(seed: int) -> gymnasium.Env[Any, Any]:
-    """An 8 x 8 map; an episode ends in a hole, in the goal, or after the horizon."""
-    return gymnasium.make(
-        "FrozenLake-v1",
-        desc=generate_random_map(8, seed=seed),
-        is_slippery=False,
-        max_episode_steps=HORIZON,
-    )
+@dataclass(frozen=True)
+class Lakes:
+    """Random maps; an episode ends in a hole, in the goal, or after the horizon.
+
+    Attributes:
+        size: of a side, in cells.
+        slippery: a move goes to either side of where it should as often as there.
+        horizon: most steps of an episode.
+        discount: of training.
+        settings: of training, where the defaults are not the best.
+    """
+
+    size: int
+    slippery: bool
+    horizon: int
+    discount: float
+    settings: Mapping[str, Any]
+
+    def env(self, seed: int) -> gymnasium.Env[Any, Any]:
+        """The map of a seed."""
+        return gymnasium.make(
+            "FrozenLake-v1",
+            desc=generate_random_map(self.size, seed=seed),
+            is_slippery=self.slippery,
+            max_episode_steps=self.horizon,
+        )
+
+
+# docs/learning.md says why.
+SETTINGS = {"updates": 300, "gae_lambda": 0.5}
+
+
+def lakes(size: int, *, slippery: bool) -> Lakes:
+    """What is learned from, and how; the horizons of slippery lakes are Gymnasium's own."""
+    if not slippery:
+        return Lakes(size, slippery, 30, 0.95, SETTINGS)
+    return Lakes(size, slippery, 100 if size <= 4 else 200, 0.99, SETTINGS | {"exploration": 0.02})
+
+
+def curve(kind: Lakes, meta: MetaPolicy, seed: int, steps: int) -> list[float]:
+    """How likely the goal is reached on the map of a seed, before and after each gradient step."""
+    model = import_gymnasium(kind.env(seed))  # to keep the score; the strategy sees reset and step alone
+    strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(seed))
+    with GymnasiumSystem(kind.env(seed), seed=seed) as system:
+        rows = adaptation(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
+        return [row.expected_return for row in rows]
 
 
 def main(
-    updates: Annotated[int, typer.Option(min=1)] = 150,
-    steps: Annotated[int, typer.Option(min=1, help="Gradient steps on the map that is met.")] = 8,
-    met: Annotated[int, typer.Option(help="Seed of that map; those below 64 were learned from.")] = 1000,
+    slippery: Annotated[bool, typer.Option("--slippery", help="Moves go astray, as in Gymnasium.")] = False,
+    size: Annotated[int, typer.Option(min=2, help="Of a map's side.")] = 8,
+    updates: Annotated[int | None, typer.Option(min=1, help="Of training.")] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Gradient steps on each map that is met.")] = 8,
+    met: Annotated[
+        int, typer.Option(help="Seed of the first such map; those below 256 are learned from.")
+    ] = 1000,
+    maps: Annotated[int, typer.Option(min=1, help="Maps that are met, with seeds from there on.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Of training.")] = 0,
 ) -> None:
-    """Print how often the goal is reached after each step."""
-    models = [import_gymnasium(lake(seed)) for seed in range(64)]
-    meta = train_models(models, HORIZON, 0.95, TrainingConfig(updates=updates))
+    """Print how often the goal is reached after each step, on average over the maps that are met."""
+    kind = lakes(size, slippery=slippery)
+    models = [import_gymnasium(kind.env(number)) for number in LEARNED_FROM]
+    chosen = {} if updates is None else {"updates": updates}
+    config = TrainingConfig.model_validate({**kind.settings, **chosen, "seed": seed})
+    meta = train_models(models, kind.horizon, kind.discount, config)
 
-    model = import_gymnasium(lake(met))  # to keep the score; the strategy sees reset and step alone
-    strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(0))
-    system = GymnasiumSystem(lake(met), seed=0)
-    print(f"the best policy reaches the goal with probability {optimum(model, HORIZON):.2f}")
-    for row in adaptation(system, strategy, evaluator(model, HORIZON), steps * EPISODES):
-        print(f"after {row.episodes:3} episodes: {row.expected_return:.2f}")
+    unseen = range(met, met + maps)
+    best = [optimum(import_gymnasium(kind.env(number)), kind.horizon) for number in unseen]
+    print(f"the best policy reaches the goal with probability {np.mean(best):.2f}")
+    curves = [curve(kind, meta, number, steps) for number in unseen]
+    for step, reached in enumerate(np.mean(curves, axis=0)):
+        print(f"after {EPISODES * step:3} episodes: {reached:.2f}")
 
 
 if __name__ == "__main__":

@@ -22,9 +22,10 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.models import train_models
 from merap.learning.policy import policy_table, stack_parameters
 from merap.learning.rollout import rollout, sampler
-from merap.learning.tasks import task_batch
+from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import optimum
 from merap.online.managed.gymnasium import GymnasiumSystem
 from merap.online.running import adaptation, evaluator
 from merap.online.strategies.gradient import GradientStrategy
@@ -36,6 +37,7 @@ DISCOUNT = 0.95
 TRAINED_ON = range(48)
 MET = range(1000, 1032)
 STEPS = 8
+SLIPPERY_HORIZON = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +82,15 @@ def test_adaptation_to_lakes_that_were_not_trained_on() -> None:
 
 
 def before_and_after(seed: int) -> tuple[Floats, Floats]:
-    """float64 [32] each, the exact return before and after some steps of 35 episodes."""
-    meta, generator = lakes().meta, seeded(seed)
+    """float64 [32] each, the exact return on dry lakes before and after some steps of 35 episodes."""
     tasks = task_batch([lake(seed) for seed in MET], HORIZON, discount=1.0)
+    values = curves(lakes().meta, tasks, seed)
+    return values[0], values[-1]
+
+
+def curves(meta: MetaPolicy, tasks: TaskBatch, seed: int) -> Floats:
+    """float64 [steps + 1, N], exact returns before and after each step of 35 episodes."""
+    generator = seeded(seed)
     parameters, problem, simulated = (
         stack_parameters(meta.parameters, tasks.num_tasks),
         exact_problem(tasks),
@@ -98,7 +106,29 @@ def before_and_after(seed: int) -> tuple[Floats, Floats]:
         parameters = sampled_step(
             meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
         ).parameters
-    return values[0], values[-1]
+    return np.array(values)
+
+
+def slippery_lake(seed: int) -> TabularMDP:
+    """Of Gymnasium's default size; two of three moves go astray."""
+    return import_gymnasium("FrozenLake-v1", desc=generate_random_map(4, seed=seed))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_adaptation_to_slippery_lakes_that_were_not_trained_on(seed: int) -> None:
+    """The share of episodes that get across rises, over 32 maps.
+
+    Over 12 other training seeds the paired t statistic was 6.2 to 8.5 and the mean rise 0.17 to
+    0.40; without an effect the statistic would be above 3.4 for one of 1000 choices of maps.
+    """
+    config = TrainingConfig(seed=seed, updates=120, gae_lambda=0.5, exploration=0.02)
+    meta = train_models([slippery_lake(number) for number in range(128)], SLIPPERY_HORIZON, 0.99, config)
+    met = [slippery_lake(number) for number in MET]
+    returns = curves(meta, task_batch(met, SLIPPERY_HORIZON, discount=1.0), seed)
+    rises = returns[-1] - returns[0]
+    assert rises.mean() / (rises.std(ddof=1) / np.sqrt(len(rises))) > 3.4
+    assert rises.mean() > 0.1
+    assert (returns <= [optimum(model, SLIPPERY_HORIZON) + 1e-5 for model in met]).all()
 
 
 def test_adaptation_through_reset_and_step() -> None:
@@ -125,9 +155,11 @@ def test_models_of_different_states_are_refused() -> None:
         train_models([], HORIZON, DISCOUNT)
 
 
-def test_the_example_runs() -> None:
+@pytest.mark.parametrize("options", [[], ["--slippery", "--size", "4"]])
+def test_the_example_runs(options: list[str]) -> None:
     script = Path(__file__).parents[1] / "scripts" / "frozen_lake.py"
-    command = [sys.executable, str(script), "--updates", "2", "--steps", "1"]
+    command = [sys.executable, str(script), "--updates", "2", "--steps", "1", "--maps", "1", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    assert done.stdout.splitlines()[0] == "the best policy reaches the goal with probability 1.00"
-    assert len(done.stdout.splitlines()) == 3
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("the best policy reaches the goal with probability ")
+    assert [line.partition(":")[0] for line in lines[1:]] == ["after   0 episodes", "after  35 episodes"]
