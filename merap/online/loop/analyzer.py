@@ -86,6 +86,10 @@ class Analyzer:
         """The same on the canonical index."""
         return tabular(self._space, self.model, self._space.initial)
 
+    def remember(self, space: HypothesisSpace) -> None:
+        """From the next re-planning on, begin with the prior of these hypotheses."""
+        self._space = space
+
     def explain(self) -> tuple[str, ...]:
         """Which hypotheses are left, with what weight."""
         return explain(self._space, self.belief, "the analyzer's model is the mean of its belief")

@@ -12,6 +12,7 @@ from merap.online.belief.space import HypothesisSpace
 from merap.online.loop.analyzer import Analyzer
 from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
+from merap.online.loop.extension import Extender
 from merap.online.loop.learner import Learner
 from merap.online.loop.loop import Parts
 from merap.online.loop.managers import make_manager
@@ -21,6 +22,7 @@ from merap.online.loop.planner import Planner
 from merap.online.loop.protection import Protection
 from merap.online.loop.recorded_system import RecordedSystem
 from merap.online.loop.scenario import Scenario
+from merap.online.loop.scenario_schema import ScenarioSpec
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
 from merap.online.loop.truth import Truth, truths
@@ -99,8 +101,17 @@ def build(
         planner=Planner(learner, fallback, punctual, of_planner, late),
         executor=Executor(RecordedSystem(past.episodes, guard(system)), protection),
         punctual=punctual,
+        extender=_extender(spec, manager, context) if chosen.replans else None,
     )
     return Built(parts, system, stages, protection, chosen.updates != 0)
+
+
+def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> Extender | None:
+    if not spec.learning.extend:
+        return None
+    return Extender(
+        context, lambda known: make_manager(manager, spec.strategy, known).make, spec.learning.updates
+    )
 
 
 def _trigger_settings(scenario: Scenario) -> TriggerSettings:

@@ -52,6 +52,10 @@ class Learner:
         self._updates = self._episodes = 0
         self._begun = self._observed = False
 
+    def relearned(self, make: StrategyMaker) -> None:
+        """Begin with what was learned offline meanwhile, from the next re-planning on."""
+        self._make = make
+
     def restrict(self, mask: Bools) -> None:
         """Plan with the actions bool [S, A] alone, if the strategy plans."""
         if isinstance(self._strategy, Restrictable):

@@ -12,6 +12,7 @@ from merap.mdp.model import Bools, TabularMDP
 from merap.online.loop.analyzer import Analyzer
 from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
+from merap.online.loop.extension import Extender, Extension
 from merap.online.loop.learner import Learner
 from merap.online.loop.messages import AdaptedPolicy, Analysis, Execution, Monitored, Phase, Plan
 from merap.online.loop.monitor import Monitor
@@ -29,6 +30,7 @@ class Parts:
     planner: Planner
     executor: Executor
     punctual: Punctual[Any]
+    extender: Extender | None
 
 
 class Loop:
@@ -61,6 +63,7 @@ class Loop:
         self._decisions: list[Decision] = []
         self._problems: list[Problem] = []
         self._model: TabularMDP | None = None
+        self._extension: Extension | None = None
         parts = self._parts
         parts.learner.begin()
         monitored, analysis = self._take_in(parts.executor.reset())
@@ -75,6 +78,7 @@ class Loop:
             problems=tuple(self._problems),
             policy=policy,
             model=self._model,
+            extension=self._extension,
             seconds=time.monotonic() - begun,
         )
 
@@ -141,7 +145,19 @@ class Loop:
         if parts.analyzer.enough(policy):
             self._decide(monitored, "settled", parts.analyzer.explain())
             self._settle()
+            self._extend(monitored)
         return policy
+
+    def _extend(self, monitored: Monitored) -> None:
+        """Learn offline again, if the domain is none of the base."""
+        parts = self._parts
+        if parts.extender is None or self._model is None:
+            return
+        self._extension = parts.extender.extend(self._episode, parts.analyzer.belief, self._model)
+        if self._extension is not None:
+            parts.learner.relearned(self._extension.make)
+            parts.analyzer.remember(self._extension.hypotheses)
+            self._decide(monitored, "extended", self._extension.reasons)
 
     def _settle(self) -> None:
         self._phase = "executing"

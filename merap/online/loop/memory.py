@@ -17,6 +17,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from merap.errors import InputError
+from merap.learning.checkpoint import policy_bytes
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import write_umb
@@ -32,6 +33,7 @@ FALLBACK = "fallback"
 _TOLD: Mapping[str, tuple[str, Level]] = {
     "replan": ("analyzer", "info"),
     "settled": ("analyzer", "info"),
+    "extended": ("learner", "info"),
     FALLBACK: ("planner", "warning"),
 }
 
@@ -102,6 +104,10 @@ class Memory:
                     model = knowledge.record_model(run, f"analysis_{log.episode}", umb_bytes(log.model))
                 tensors = save({"policy": np.ascontiguousarray(log.policy.table)})
                 knowledge.record_policy(run, "adapted", log.policy.update, tensors, model)
+            if log.extension is not None:
+                added = knowledge.record_model(run, log.extension.name, umb_bytes(log.extension.model))
+                learned = policy_bytes(log.extension.meta)
+                knowledge.record_policy(run, "meta", log.extension.updates, learned, added)
             self._tell(log, row)
             knowledge.record_checkpoint(run, log.episode + 1, json.dumps(system).encode())
 

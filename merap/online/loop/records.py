@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from merap.mdp.model import TabularMDP
+from merap.online.loop.extension import Extension
 from merap.online.loop.messages import AdaptedPolicy, Execution, Phase
 
-Kind = Literal["replan", "update", "settled", "fallback"]
+Kind = Literal["replan", "update", "settled", "extended", "fallback"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class EpisodeLog:
         problems: in order.
         policy: after the episode, if it was updated.
         model: the analyzer's, if adaptation ended with the episode.
+        extension: of the base, if that model was none of it.
         seconds: of wall time.
     """
 
@@ -64,6 +66,7 @@ class EpisodeLog:
     problems: tuple[Problem, ...]
     policy: AdaptedPolicy | None
     model: TabularMDP | None = field(repr=False)
+    extension: Extension | None
     seconds: float
 
     def count(self, kind: Kind) -> int:

@@ -21,7 +21,7 @@ from merap.online.loop.scenario_schema import ScenarioSpec
 
 ACTION = "action"
 # a fallback is decided by the clock: it is repeated, not derived
-DERIVED = ("replan", "update", "settled", ACTION)
+DERIVED = ("replan", "update", "settled", "extended", ACTION)
 
 
 def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tuple[Difference, ...]:

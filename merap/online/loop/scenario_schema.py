@@ -66,6 +66,16 @@ class StrategySpec(Spec):
     )
 
 
+class LearningSpec(Spec):
+    """Whether the learner learns offline again."""
+
+    extend: bool = Field(
+        default=False,
+        description="where an adaptation ends outside the base, add what was met and train on",
+    )
+    updates: int = Field(default=30, ge=1, le=10_000, description="outer updates after each addition")
+
+
 class ShieldSpec(Spec):
     """Which actions are safe enough."""
 
@@ -123,6 +133,7 @@ class ScenarioSpec(Spec):
         default="episodes", description="how an episode begins"
     )
     strategy: StrategySpec = Field(default=StrategySpec(), description="of the learner")
+    learning: LearningSpec = Field(default=LearningSpec(), description="of the learner, offline")
     trigger: TriggerSpec = Field(default=TriggerSpec(), description="of the analyzer")
     shield: ShieldSpec | None = Field(default=None, description="left out: none")
     deadline: DeadlineSpec = Field(default=DeadlineSpec(), description="of a decision")

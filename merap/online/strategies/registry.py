@@ -6,6 +6,7 @@ A name may have an argument after a colon: `pretrained:<combination>`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -62,7 +63,7 @@ class StrategyContext:
     @cached_property
     def tasks(self) -> TaskBatch:
         """The same as arrays."""
-        return self._batch(self.models)
+        return self.batch(self.models)
 
     @cached_property
     def meta(self) -> MetaPolicy:
@@ -86,7 +87,7 @@ class StrategyContext:
             InputError: there is no such combination.
         """
         number = {name: index for index, name in enumerate(self.run.names)}
-        return self._batch(
+        return self.batch(
             [
                 self.models[number[name]] if name in number else model_of(self.run.case.combination(name))
                 for name in names
@@ -104,7 +105,14 @@ class StrategyContext:
                 self.run.case.combination(name)
         return pretrained_policies(self.run, self.meta.network, names, self.tasks_named)
 
-    def _batch(self, models: Sequence[TabularMDP]) -> TaskBatch:
+    def having_learned(self, meta: MetaPolicy, hypotheses: HypothesisSpace) -> StrategyContext:
+        """The same with another meta policy and another prior; what was made already is kept."""
+        other = copy(self)
+        other.__dict__.update(meta=meta, hypotheses=hypotheses)  # where cached properties are kept
+        return other
+
+    def batch(self, models: Sequence[TabularMDP]) -> TaskBatch:
+        """Canonical models as arrays."""
         horizon = self.run.case.combination_at(0).objective.horizon
         return task_batch(models, horizon, self.run.case.discount)
 
