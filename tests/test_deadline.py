@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from merap.online.loop.deadline import Punctual
+from merap.online.managed.deadline import Punctual
 
 PATIENCE = 60.0
 
@@ -62,3 +62,24 @@ def test_what_goes_wrong_beside_the_loop_comes_out_at_its_end() -> None:
     with pytest.raises(ValueError, match="no such state"):
         punctual.finish()
     punctual.finish()
+
+
+def test_what_is_late_can_be_waited_for() -> None:
+    signal = threading.Event()
+
+    def slow() -> int:
+        assert signal.wait(PATIENCE)
+        return 5
+
+    punctual = Punctual[int](0.01)
+    assert punctual.in_time(slow) is None
+    signal.set()
+    assert punctual.late_result() == 5
+
+
+@pytest.mark.parametrize("limit", [None, PATIENCE])
+def test_a_result_comes_after_all_that_was_handed_over_before(limit: float | None) -> None:
+    done: list[str] = []
+    punctual = Punctual[int](limit)
+    punctual.later(lambda: done.append("first"))
+    assert punctual.result(lambda: [*done, "second"]) == ["first", "second"]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from merap.mdp.model import Bools, Floats
-from merap.online.loop.deadline import Punctual
 from merap.online.loop.learner import Learner
 from merap.online.loop.messages import Analysis, Phase, Plan, Sighting
 from merap.online.loop.planner import Planner
+from merap.online.managed.deadline import Punctual
 from tests.loop_examples import NUM_ACTIONS, Told, monitored, seen
 
 EXPLORED, FALLBACK = 3, 2

@@ -10,7 +10,6 @@ import numpy as np
 from merap.learning.run_folder import RunFolder
 from merap.online.belief.space import HypothesisSpace
 from merap.online.loop.analyzer import Analyzer
-from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
 from merap.online.loop.extension import Extender
 from merap.online.loop.learner import Learner
@@ -26,6 +25,7 @@ from merap.online.loop.scenario_schema import ScenarioSpec
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
 from merap.online.loop.truth import Truth, truths
+from merap.online.managed.deadline import Punctual
 from merap.online.shield.shielded_strategy import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem

@@ -10,7 +10,6 @@ import numpy as np
 
 from merap.mdp.model import Bools, TabularMDP
 from merap.online.loop.analyzer import Analyzer
-from merap.online.loop.deadline import Punctual
 from merap.online.loop.executor import Executor
 from merap.online.loop.extension import Extender, Extension
 from merap.online.loop.learner import Learner
@@ -18,6 +17,7 @@ from merap.online.loop.messages import AdaptedPolicy, Analysis, Execution, Monit
 from merap.online.loop.monitor import Monitor
 from merap.online.loop.planner import Planner
 from merap.online.loop.records import Decision, EpisodeLog, Kind, Problem
+from merap.online.managed.deadline import Punctual
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from merap.mdp.model import Bools, Floats
-from merap.online.loop.deadline import Punctual
 from merap.online.loop.learner import Learner
 from merap.online.loop.messages import Analysis, Monitored, Plan
+from merap.online.managed.deadline import Punctual
 
 
 class Planner:

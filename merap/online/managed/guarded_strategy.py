@@ -6,21 +6,16 @@ Axes: S states, A declared actions.
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, TypeVar
 
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
-from merap.online.managed.worker import Worker
+from merap.online.managed.deadline import Punctual
 from merap.online.strategy import Strategy
 from merap.online.systems import Observation
 
 log = logging.getLogger(__name__)
-
-Result = TypeVar("Result")
 
 
 class GuardedStrategy:
@@ -51,8 +46,7 @@ class GuardedStrategy:
         self._deadline = deadline
         self._name = fallback
         self._fallback = list(actions).index(fallback)
-        self._worker = Worker("guarded strategy")
-        self._under_way: deque[Future[Any]] = deque()
+        self._punctual = Punctual[int](deadline, "guarded strategy")
         self.times_late = 0
 
     @property
@@ -62,49 +56,32 @@ class GuardedStrategy:
 
     def begin(self, observation: Observation) -> None:
         """An episode begins."""
-        self._post(partial(self._strategy.begin, observation))
+        self._punctual.later(partial(self._strategy.begin, observation))
 
     def act(self, allowed: Bools) -> int:
         """The strategy's action, or the fallback if it is late."""
-        decision = self._post(partial(self._strategy.act, allowed))
-        wait([decision], self._deadline)
-        if decision.done():
-            return self._result(decision)
+        action = self._punctual.in_time(partial(self._strategy.act, allowed))
+        if action is not None:
+            return action
         self.times_late += 1
         if not allowed[self._fallback]:
             log.warning("no decision within %g s; %s is not allowed: waiting", self._deadline, self._name)
-            return self._result(decision)
+            return self._punctual.late_result()
         log.warning("no decision within %g s; falling back on %s", self._deadline, self._name)
         return self._fallback
 
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
-        self._post(partial(self._strategy.observe, action, observation))
+        self._punctual.later(partial(self._strategy.observe, action, observation))
 
     def update(self) -> None:
         """Change the policy by what has been seen, while the system goes on."""
-        self._post(self._strategy.update)
+        self._punctual.later(self._strategy.update)
 
     def policy(self) -> Floats:
         """What would act if learning stopped; waits for all that is under way."""
-        return self._result(self._post(self._strategy.policy))
+        return self._punctual.result(self._strategy.policy)
 
     def explain(self) -> tuple[str, ...]:
         """Plain lines; waits for all that is under way."""
-        return self._result(self._post(self._strategy.explain))
-
-    def _post(self, call: Callable[[], Result]) -> Future[Result]:
-        self._raise_finished()
-        future = self._worker.submit(call)
-        self._under_way.append(future)
-        return future
-
-    def _result(self, asked: Future[Result]) -> Result:
-        """Waits; if a call before it has failed, that is what is raised."""
-        wait([asked])
-        self._raise_finished()
-        return asked.result()
-
-    def _raise_finished(self) -> None:
-        while self._under_way and self._under_way[0].done():
-            self._under_way.popleft().result()
+        return self._punctual.result(self._strategy.explain)
