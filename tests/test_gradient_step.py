@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from merap.learning.core import episodes as core
-from merap.learning.core.episodes import Baseline
+from merap.learning.core import surrogate as core
+from merap.learning.core.surrogate import Baseline
 from merap.learning.exact import exact_problem, expected_return
 from merap.learning.gradient_step import StepRule, behaviour, sampled_step
 from merap.learning.policy import Parameters, explore, policy_table, stack_parameters

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from merap.learning.core.episodes import Baseline
 from merap.learning.core.network import Activation
+from merap.learning.core.surrogate import Baseline
 
 Estimator = Literal["exact", "sampled"]
 

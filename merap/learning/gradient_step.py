@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from merap.learning.core.episodes import Baseline, Judgement, surrogate
 from merap.learning.core.network import forward, pullback
 from merap.learning.core.softmax import masked_softmax, through_log_softmax
+from merap.learning.core.surrogate import Baseline, Judgement, surrogate
 from merap.learning.layout import array_of, core_network, flat, per_entry, shaped
 from merap.learning.policy import Parameters, PolicyNetwork, explore, policy_table
 from merap.learning.rollout import Episodes

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -28,7 +29,7 @@ from merap.learning.layout import per_entry, per_parameter
 from merap.learning.policy import Parameters, PolicyNetwork
 
 # A range has at most so many tasks, and at most so many hidden units in all their states.
-_RANGE = 16
+_RANGE = 8
 _RANGE_NUMEL = 2**22
 
 
@@ -215,13 +216,9 @@ def outer_objective(
         order=config.order,
         exact=config.estimator == "exact",
         noise=config.sampling_noise,
-        threads=1,
     )
     num_tasks, num_states, _ = tasks.enabled.shape
     size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
-    starts, threads = range(0, num_tasks, size), torch.get_num_threads()
-    of_each = max(1, threads // len(starts))
-    problems = (
-        whole._replace(tasks=tasks.some(slice(start, start + size)), threads=of_each) for start in starts
-    )
-    return Objective(tuple(problems), threads)
+    ends = np.linspace(0, num_tasks, -(-num_tasks // size) + 1).round().astype(int)
+    problems = (whole._replace(tasks=tasks.some(slice(start, end))) for start, end in pairwise(ends.tolist()))
+    return Objective(tuple(problems), torch.get_num_threads())

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from merap.learning.core.episodes import (
-    Episodes,
-    Judgement,
-    Surrogate,
-    mean_return,
-    rollout,
-    surrogate,
-    visits,
-)
+from merap.learning.core.episodes import Episodes, mean_return, rollout, visits
 from merap.learning.core.jit import Array
 from merap.learning.core.network import Network, pullback, pushforward
-from merap.learning.core.softmax import divergence, entropy_slope, through_log_softmax, through_softmax
+from merap.learning.core.softmax import (
+    divergence,
+    entropy_slope,
+    less_expected,
+    through_log_softmax,
+    through_softmax,
+)
 from merap.learning.core.steps import (
     Loss,
     Policies,
@@ -31,8 +28,8 @@ from merap.learning.core.steps import (
     step_from,
     stepped,
 )
+from merap.learning.core.surrogate import Judgement, Surrogate, surrogate
 from merap.learning.core.task import Tasks
-from merap.learning.core.threads import beside
 from merap.learning.core.values import values
 
 
@@ -48,7 +45,6 @@ class Problem(NamedTuple):
         order: 2 differentiates through the inner steps; 1 takes them as constants.
         exact: adapted policies are judged by their exact return, and inner losses know it.
         noise: inner steps of `exact` carry the sampling noise of their episodes.
-        threads: that the work may use; it does not change what comes out.
     """
 
     tasks: Tasks
@@ -59,7 +55,6 @@ class Problem(NamedTuple):
     order: int
     exact: bool
     noise: bool
-    threads: int
 
 
 class Drawn(NamedTuple):
@@ -208,19 +203,16 @@ def _sampled(problem: Problem, table: Array, draws: Array) -> tuple[Episodes, Su
 def _drawn_step(problem: Problem, now: Policies, draws: Array) -> tuple[Step, Array, Array, Array]:
     """A step, and what its episodes show: mean return [N], the advantages' variance [N], visits [N, S]."""
     table, tasks = now.table, problem.tasks
-    sample = partial(_sampled, problem, table, draws)
+    episodes, sampled = _sampled(problem, table, draws)
     if not problem.exact:
-        episodes, sampled = sample()
         step = step_from(now, Loss(sampled.gradient, None), None, problem.network)
         mean = mean_return(episodes, problem.judgement.discount)
         return step, mean, sampled.variance, visits(episodes, table.shape[1])
-    exact = partial(values, table, tasks, problem.horizon)
-    found, (episodes, sampled) = beside(exact, sample, problem.threads)
-    scale = sampled.scale.astype(table.dtype)[:, np.newaxis, np.newaxis]
+    found = values(table, tasks, problem.horizon)
+    scale = sampled.scale.astype(table.dtype)
     noise = np.zeros_like(table)
     if problem.noise:  # what was sampled, without its expectation
-        noise = through_log_softmax(table, sampled.gradient)
-        noise += scale * through_softmax(table, found.gradient)
+        noise = less_expected(table, through_log_softmax(table, sampled.gradient), -scale, found.gradient)
     step = step_from(now, Loss(noise, scale), found, problem.network)
     return step, found.total, sampled.variance, visits(episodes, table.shape[1])
 

@@ -18,7 +18,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from merap.learning.core.jit import Array
+from merap.learning.core import passes
+from merap.learning.core.jit import Array, Numbers
 
 Activation = Literal["relu", "tanh", "softplus"]
 
@@ -43,6 +44,20 @@ class Network:
         return len(self.sizes) - 1
 
     @cached_property
+    def layers(self) -> Numbers:
+        """int64 [L + 1], the sizes as the passes read them."""
+        return np.array(self.sizes)
+
+    @cached_property
+    def kind(self) -> int:
+        """The activation as the passes read it."""
+        return {"relu": passes.RELU, "tanh": passes.TANH, "softplus": passes.SOFTPLUS}[self.activation]
+
+    def observed(self, like: Array) -> Array:
+        """Features as the passes read them, of the precision of another array."""
+        return np.empty((0, 0), dtype=like.dtype) if self.features is None else self.features
+
+    @cached_property
     def bounds(self) -> tuple[tuple[int, int, int], ...]:
         """Where each layer's weight begins, where its bias does, and where that ends."""
         ends = accumulate((inputs + 1) * outputs for inputs, outputs in pairwise(self.sizes))
@@ -63,16 +78,28 @@ class Network:
 
 
 class Signals(NamedTuple):
-    """What a network does in all states.
+    """What a network does in all states; R rows of parameters, U hidden units.
 
     Attributes:
-        inputs: float [.., S, inputs] of each layer; features for the first.
-        slopes: float [.., S, outputs] of each hidden layer, its activation's derivative.
-        logits: float [.., S, A].
+        hidden: float [R, S U], what comes out of the hidden layers.
+        slopes: float [R, S U], their activation's derivative.
+        logits: float [R, S, A].
     """
 
-    inputs: list[Array | None]
-    slopes: list[Array]
+    hidden: Array
+    slopes: Array
+    logits: Array
+
+
+class Cotangents(NamedTuple):
+    """A loss's gradient in what comes out of each layer, before its activation.
+
+    Attributes:
+        hidden: float [N, S U].
+        logits: float [N, S, A].
+    """
+
+    hidden: Array
     logits: Array
 
 
@@ -80,32 +107,23 @@ class Tangent(NamedTuple):
     """How a network's signals change along a direction.
 
     Attributes:
-        inputs: float [N, S, inputs] of each layer; None for the first, a constant.
-        totals: float [N, S, outputs] of each layer, before its activation.
+        hidden: float [N, S U], what comes out of the hidden layers.
+        totals: float [N, S U], the same before the activation.
+        logits: float [N, S, A].
     """
 
-    inputs: list[Array | None]
-    totals: list[Array]
-
-    @property
-    def logits(self) -> Array:
-        """float [N, S, A]."""
-        return self.totals[-1]
+    hidden: Array
+    totals: Array
+    logits: Array
 
 
 def forward(theta: Array, network: Network) -> Signals:
     """The logits in all states, with all that their derivatives need."""
-    inputs, slopes = [network.features], []
-    total = _affine(network.features, theta, network, 0)
-    for layer in range(1, network.num_layers):
-        value, slope = _activate(total, network.activation)
-        inputs.append(value)
-        slopes.append(slope)
-        total = _affine(value, theta, network, layer)
-    return Signals(inputs, slopes, total)
+    rows = np.atleast_2d(theta)
+    return Signals(*passes.forward(rows, network.layers, network.observed(rows), network.kind))
 
 
-def pullback(theta: Array, network: Network, at: Signals, cotangent: Array) -> tuple[Array, list[Array]]:
+def pullback(theta: Array, network: Network, at: Signals, cotangent: Array) -> tuple[Array, Cotangents]:
     """The gradient of a loss in the parameters.
 
     Args:
@@ -115,38 +133,27 @@ def pullback(theta: Array, network: Network, at: Signals, cotangent: Array) -> t
         cotangent: float [N, S, A], the loss's gradient in the logits.
 
     Returns:
-        float [N, P], and the loss's gradient in what comes out of each layer, float [N, S, outputs].
+        float [N, P], and the loss's gradient in what comes out of each layer.
     """
-    gradient = np.empty((len(cotangent), theta.shape[-1]), dtype=theta.dtype)
-    cotangents = [cotangent]
-    for layer in reversed(range(network.num_layers)):
-        network.weight(gradient, layer)[:] = _outer(at.inputs[layer], cotangent)
-        _over_states(cotangent, network.bias(gradient, layer))
-        if layer:
-            cotangent = cotangent @ network.weight(theta, layer).mT
-            cotangent *= at.slopes[layer - 1]
-            cotangents.insert(0, cotangent)
-    return gradient, cotangents
+    rows = np.atleast_2d(theta)
+    gradient, hidden = passes.pullback(
+        rows, network.layers, network.observed(rows), at.hidden, at.slopes, cotangent
+    )
+    return gradient, Cotangents(hidden, cotangent)
 
 
 def pushforward(theta: Array, network: Network, at: Signals, direction: Array) -> Tangent:
-    """The derivative of the signals along a direction [N, P]."""
-    total = _affine(network.features, direction, network, 0)
-    tangent = Tangent([None], [total])
-    for layer in range(1, network.num_layers):
-        signal = at.slopes[layer - 1] * total
-        total = _affine(at.inputs[layer], direction, network, layer)
-        total += signal @ network.weight(theta, layer)
-        tangent.inputs.append(signal)
-        tangent.totals.append(total)
-    return tangent
+    """The derivative of the signals along a direction [N, P], or [1, P] for all of N rows of parameters."""
+    rows = np.atleast_2d(theta)
+    found = passes.pushforward(rows, network.layers, network.observed(rows), at.hidden, at.slopes, direction)
+    return Tangent(*found)
 
 
 def pullback_dot(
     theta: Array,
     network: Network,
     at: Signals,
-    cotangents: list[Array],
+    cotangents: Cotangents,
     direction: Array,
     tangent: Tangent,
     cotangent_dot: Array,
@@ -160,7 +167,7 @@ def pullback_dot(
         network: its shape.
         at: `forward` of these.
         cotangents: of `pullback`.
-        direction: float [N, P].
+        direction: float [N, P], or [1, P] for all tasks.
         tangent: `pushforward` of it.
         cotangent_dot: float [N, S, A], how the loss's gradient in the logits changes.
         summed: over the tasks, which must share the parameters.
@@ -168,76 +175,20 @@ def pullback_dot(
     Returns:
         float [N, P], or [P].
     """
-    if summed:
-        cotangent_dot = cotangent_dot.sum(axis=0)
-    result = np.empty((*cotangent_dot.shape[:-2], theta.shape[-1]), dtype=theta.dtype)
-    for layer in reversed(range(network.num_layers)):
-        of_weight, of_theta = network.weight(result, layer), network.weight(theta, layer)
-        of_weight[:] = _outer(at.inputs[layer], cotangent_dot)
-        _over_states(cotangent_dot, network.bias(result, layer))
-        signal = tangent.inputs[layer]
-        if signal is not None:
-            cotangent = cotangents[layer]
-            of_direction = network.weight(direction, layer)
-            of_weight += _summed_outer(signal, cotangent) if summed else signal.mT @ cotangent
-            spread = cotangent_dot @ of_theta.mT
-            spread += (_summed_product if summed else np.matmul)(cotangent, of_direction.mT)
-            spread *= at.slopes[layer - 1]
-            if network.activation != "relu":
-                bent = (cotangent @ of_theta.mT) * tangent.totals[layer - 1]
-                bent *= _curvature(at.inputs[layer], at.slopes[layer - 1], network.activation)
-                spread += bent.sum(axis=0) if summed else bent
-            cotangent_dot = spread
-    return result
-
-
-def _affine(signal: Array | None, theta: Array, network: Network, layer: int) -> Array:
-    """What comes out of a layer; a one-hot signal times the weight is a row of the weight."""
-    weight = network.weight(theta, layer)
-    if signal is None:
-        return weight + network.bias(theta, layer)
-    total: Array = signal @ weight
-    total += network.bias(theta, layer)
-    return total
-
-
-def _outer(signal: Array | None, cotangent: Array) -> Array:
-    """[.., inputs, outputs]: sum over states of signal times cotangent."""
-    return cotangent if signal is None else signal.mT @ cotangent
-
-
-def _over_states(cotangent: Array, out: Array) -> None:
-    """[.., 1, outputs]: sum over states, as a product, which is several times faster than a sum."""
-    np.matmul(np.ones((1, cotangent.shape[-2]), dtype=cotangent.dtype), cotangent, out=out)
-
-
-def _summed_outer(signal: Array, cotangent: Array) -> Array:
-    """[inputs, outputs]: sum over tasks and states."""
-    product: Array = signal.reshape(-1, signal.shape[-1]).T @ cotangent.reshape(-1, cotangent.shape[-1])
-    return product
-
-
-def _summed_product(left: Array, right: Array) -> Array:
-    """Sum over N of left [N, I, J] @ right [N, J, K], as one product of [I, N J] and [N J, K]."""
-    columns = np.moveaxis(left, 0, 1).reshape(left.shape[1], -1)
-    product: Array = columns @ right.reshape(-1, right.shape[-1])
-    return product
-
-
-def _activate(total: Array, activation: Activation) -> tuple[Array, Array]:
-    """The activation's value and slope."""
-    if activation == "relu":
-        slope = (total > 0).astype(total.dtype)
-        return total * slope, slope
-    if activation == "tanh":
-        value = np.tanh(total)
-        return value, 1 - value * value
-    return np.logaddexp(total, 0, dtype=total.dtype), 1 / (1 + np.exp(-total))
-
-
-def _curvature(value: Array | None, slope: Array, activation: Activation) -> Array:
-    """The activation's second derivative; that of relu is 0."""
-    if activation == "tanh":
-        assert value is not None
-        return -2 * value * slope
-    return slope * (1 - slope)
+    rows = np.atleast_2d(theta)
+    result: Array = passes.pullback_dot(
+        rows,
+        network.layers,
+        network.observed(rows),
+        at.hidden,
+        at.slopes,
+        cotangents.logits,
+        cotangents.hidden,
+        direction,
+        tangent.hidden,
+        tangent.totals,
+        cotangent_dot,
+        network.kind,
+        summed,
+    )
+    return result[0] if summed else result

@@ -12,7 +12,7 @@ LEAST = 1e-37
 
 def masked_softmax(logits: Array, enabled: Bools) -> Array:
     """Probabilities of logits [N, S, A] or [S, A], over the enabled actions; 0 in a row without any."""
-    policy = _below_greatest(np.broadcast_to(logits, enabled.shape), enabled)
+    policy = _below_greatest(logits.reshape(-1, *enabled.shape[1:]), enabled)
     np.exp(policy, out=policy)  # numpy's is vectorised
     _normalise(policy)
     return policy
@@ -27,18 +27,19 @@ def divergence(old: Array, new: Array, visits: Array) -> Array:
 
 @compiled
 def _below_greatest(logits: Array, enabled: Bools) -> Array:
-    """Logits less the greatest enabled one; -inf where disabled."""
+    """Logits [R, S, A] less the greatest enabled one, R 1 or N; -inf where disabled."""
     result = np.full(enabled.shape, -np.inf, dtype=logits.dtype)
     num_tasks, num_states, num_actions = enabled.shape
     for n in range(num_tasks):
+        r = n if len(logits) > 1 else 0
         for s in range(num_states):
             greatest = logits.dtype.type(-np.inf)
             for a in range(num_actions):
                 if enabled[n, s, a]:
-                    greatest = max(greatest, logits[n, s, a])
+                    greatest = max(greatest, logits[r, s, a])
             for a in range(num_actions):
                 if enabled[n, s, a]:
-                    result[n, s, a] = logits[n, s, a] - greatest
+                    result[n, s, a] = logits[r, s, a] - greatest
     return result
 
 
@@ -83,6 +84,22 @@ def through_softmax(policy: Array, gradient: Array) -> Array:
                 mean += policy[n, s, a] * gradient[n, s, a]
             for a in range(num_actions):
                 result[n, s, a] = policy[n, s, a] * (gradient[n, s, a] - mean)
+    return result
+
+
+@compiled
+def less_expected(policy: Array, weight: Array, scale: Array, gradient: Array) -> Array:
+    """weight [N, S, A] less scale [N] times a gradient in pi, taken as one in the logits."""
+    result = np.empty_like(policy)
+    num_tasks, num_states, num_actions = policy.shape
+    for n in range(num_tasks):
+        for s in range(num_states):
+            mean = policy.dtype.type(0)
+            for a in range(num_actions):
+                mean += policy[n, s, a] * gradient[n, s, a]
+            for a in range(num_actions):
+                expected = policy[n, s, a] * (gradient[n, s, a] - mean)
+                result[n, s, a] = weight[n, s, a] - scale[n] * expected
     return result
 
 

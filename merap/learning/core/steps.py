@@ -19,8 +19,17 @@ from typing import NamedTuple
 import numpy as np
 
 from merap.learning.core.jit import Array
-from merap.learning.core.network import Network, Signals, forward, pullback, pullback_dot, pushforward
+from merap.learning.core.network import (
+    Cotangents,
+    Network,
+    Signals,
+    forward,
+    pullback,
+    pullback_dot,
+    pushforward,
+)
 from merap.learning.core.softmax import (
+    less_expected,
     masked_softmax,
     through_log_softmax,
     through_softmax,
@@ -50,7 +59,7 @@ class Loss(NamedTuple):
     Attributes:
         weight: float [N, S, A], of log pi, or of the logits beside an exact return; 0 where an
             action is disabled.
-        scale: float [N, 1, 1], of the exact return; None leaves it out.
+        scale: float [N], of the exact return; None leaves it out.
     """
 
     weight: Array
@@ -72,7 +81,7 @@ class Step(NamedTuple):
     loss: Loss
     found: Values | None
     gradient: Array
-    cotangents: list[Array]
+    cotangents: Cotangents
 
 
 def policies(theta: Array, network: Network, tasks: Tasks) -> Policies:
@@ -84,7 +93,7 @@ def policies(theta: Array, network: Network, tasks: Tasks) -> Policies:
 def step_from(before: Policies, loss: Loss, found: Values | None, network: Network) -> Step:
     """The gradient of a loss; `found` is the worth of these policies, if the loss needs it."""
     if found is not None and loss.scale is not None:
-        slope: Array = loss.weight - loss.scale * through_softmax(before.table, found.gradient)
+        slope = less_expected(before.table, loss.weight, loss.scale, found.gradient)
     else:
         slope = through_log_softmax(before.table, loss.weight)
     return Step(before, loss, found, *pullback(before.theta, network, before.at, slope))
@@ -143,7 +152,8 @@ def _hessian_times(
     """H times a direction [N, P]; summed over the tasks, if they share the parameters."""
     before = step.before
     tangent = pushforward(before.theta, network, before.at, direction)
-    slope_dot = _slope_dot(step, np.broadcast_to(tangent.logits, before.table.shape), tasks)
+    logits_dot = np.ascontiguousarray(np.broadcast_to(tangent.logits, before.table.shape))
+    slope_dot = _slope_dot(step, logits_dot, tasks)
     return pullback_dot(
         before.theta, network, before.at, step.cotangents, direction, tangent, slope_dot, summed=summed
     )
@@ -155,6 +165,8 @@ def _slope_dot(step: Step, logits_dot: Array, tasks: Tasks) -> Array:
     table_dot = through_softmax(table, logits_dot)
     if step.found is not None and loss.scale is not None:
         gradient_dot = hessian_product(table, step.found, table_dot, tasks)
-        return -loss.scale * through_softmax_dot(table, table_dot, step.found.gradient, gradient_dot)
+        bent: Array = through_softmax_dot(table, table_dot, step.found.gradient, gradient_dot)
+        bent *= -loss.scale[:, np.newaxis, np.newaxis]
+        return bent
     slope_dot: Array = -table_dot * loss.weight.sum(axis=-1, keepdims=True)
     return slope_dot

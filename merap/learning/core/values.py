@@ -50,18 +50,15 @@ def values(policy: Array, tasks: Tasks, horizon: int) -> Values:
         tasks: N of them.
         horizon: T; 0: infinite.
     """
+    initial, weight, expected, target = tasks.initial, tasks.weight, tasks.expected, tasks.target
     if horizon:
-        to_go, occupancy, visits, gradient = _finite(
-            policy, tasks.weight, tasks.expected, tasks.target, tasks.earliest, tasks.initial, horizon
-        )
-    else:
-        chain, gains = tasks.chain(policy), _gains(policy, tasks.expected)
-        to_go = fixed_point.solved_values(gains, chain, tasks.target)[:, np.newaxis]
-        visits = fixed_point.solved_visits(tasks.initial, chain, tasks.target)
-        occupancy = visits[:, np.newaxis]
-        gradient = _of_actions(visits, _met(visits, to_go[:, 0], tasks), tasks.weight, tasks.expected)
-    total = np.einsum("ns,ns->n", tasks.initial, to_go[:, -1])
-    return Values(total, to_go, occupancy, visits, gradient)
+        return Values(*_finite(policy, weight, expected, target, tasks.earliest, initial, horizon))
+    chain = tasks.chain(policy)
+    to_go = fixed_point.solved_values(_gains(policy, expected), chain, target)
+    visits = fixed_point.solved_visits(initial, chain, target)
+    gradient = _of_actions(visits, _met(visits, to_go, tasks), weight, expected)
+    total = np.einsum("ns,ns->n", initial, to_go)
+    return Values(total, to_go[:, np.newaxis], visits[:, np.newaxis], visits, gradient)
 
 
 def hessian_product(policy: Array, found: Values, direction: Array, tasks: Tasks) -> Array:
@@ -239,12 +236,15 @@ def _finite(
     earliest: Times,
     initial: Array,
     horizon: int,
-) -> tuple[Array, Array, Array, Array]:
-    """V [N, T + 1, S], d [N, T + 1, S], its sum over steps [N, S] and dJ/dpi [N, S, A], in one call."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """The fields of `Values`, in one call."""
     chain = _chain(policy, weight)
     to_go = _to_go(_gains(policy, expected), chain, target, earliest, horizon)
     occupancy, visits, met = _occupancy(initial, chain, target, earliest, to_go)
-    return to_go, occupancy, visits, _of_actions(visits, met, weight, expected)
+    total = np.zeros_like(to_go[:, 0, 0])
+    for n in range(len(total)):
+        total[n] = np.sum(initial[n] * to_go[n, horizon])
+    return total, to_go, occupancy, visits, _of_actions(visits, met, weight, expected)
 
 
 @compiled
