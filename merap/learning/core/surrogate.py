@@ -93,14 +93,22 @@ def baseline_values(
         float [N, B, T], 0 where inactive.
     """
     if baseline == "linear":
-        time = _time_features(to_go.shape[2])
-        return _linear_baseline(episodes.state, episodes.active, to_go, time, num_states, ridge)
+        return _linear_baseline(episodes, to_go, num_states, ridge)
     if baseline == "time":
         count = np.maximum(episodes.active.sum(axis=1, keepdims=True), 1)
         mean = (to_go * episodes.active).sum(axis=1, keepdims=True) / count
         values: Array = mean * episodes.active
         return values.astype(to_go.dtype)
     return np.zeros_like(to_go)
+
+
+def _linear_baseline(episodes: Episodes, to_go: Array, num_states: int, ridge: float) -> Array:
+    """The states' block of the normal equations is diagonal: eliminating it leaves 4 equations."""
+    state, active, features = episodes.state, episodes.active, _time_features(to_go.shape[2])
+    in_state, of_state, counts, of_steps = _step_sums(state, active, to_go, features, num_states)
+    matrix, right = _normal_equations(in_state, of_state, counts, of_steps, features, ridge)
+    of_time = np.linalg.solve(matrix, right[..., np.newaxis])[..., 0]
+    return _fitted(state, active, in_state, of_state, of_time, features, ridge, to_go)
 
 
 @cache
@@ -170,25 +178,33 @@ def _normal_equations(
 
 
 @compiled
-def _linear_baseline(
-    state: Numbers, active: Bools, to_go: Array, features: Array, num_states: int, ridge: float
+def _fitted(
+    state: Numbers,
+    active: Bools,
+    in_state: Array,
+    of_state: Array,
+    of_time: Array,
+    features: Array,
+    ridge: float,
+    to_go: Array,
 ) -> Array:
-    """float [N, B, T]; features of time are float64 [T, 4], the last of them is 1.
-
-    The states' block of the normal equations is diagonal: eliminating it leaves 4 equations.
-    """
-    in_state, of_state, counts, of_steps = _step_sums(state, active, to_go, features, num_states)
-    matrix, right = _normal_equations(in_state, of_state, counts, of_steps, features, ridge)
+    """What the coefficients of time [N, 4], and those of the states that go with them, make of each step."""
     fitted = np.zeros_like(to_go)
     num_tasks, num_episodes, horizon = to_go.shape
+    of_each, trend = np.zeros_like(of_state), np.zeros((num_tasks, horizon))
     for n in range(num_tasks):
-        of_time = np.linalg.solve(matrix[n], right[n])
-        trend = features @ of_time
-        per_state = (of_state[n] - in_state[n] @ of_time) / (in_state[n, :, 3] + ridge)
+        for s in range(of_state.shape[1]):
+            left = of_state[n, s]
+            for i in range(4):
+                left -= in_state[n, s, i] * of_time[n, i]
+            of_each[n, s] = left / (in_state[n, s, 3] + ridge)
+        for t in range(horizon):
+            for i in range(4):
+                trend[n, t] += features[t, i] * of_time[n, i]
         for b in range(num_episodes):
             for t in range(horizon):
                 if active[n, b, t]:
-                    fitted[n, b, t] = per_state[state[n, b, t]] + trend[t]
+                    fitted[n, b, t] = of_each[n, state[n, b, t]] + trend[n, t]
     return fitted
 
 
