@@ -88,11 +88,31 @@ def test_a_costly_change_is_seen_within_three_episodes(what: str) -> None:
     assert np.nanmin(delays) >= 1
 
 
+def test_a_block_far_down_a_long_way_is_seen_by_what_is_learned_of_its_place() -> None:
+    """11 steps are as expected before the first that fails; 18 are all. Here 20 of 20 seeds see it."""
+    long = known(grid_combination(goal=(8, 5)), WORLD.slip)
+    here = 0
+    for t in range(12):
+        row = long.model.transitions[[long.model.choice_table[here, long.policy[t, here].argmax()]]]
+        here = int(row.indices[row.data.argmax()])
+    blocked = tuple(long.model.valuations[here].tolist())
+    real = WORLD.model(grid_combination(blocked=cells(blocked[:2]), goal=(8, 5)))
+    change = Change("", long, long.model, real, effect(long, real))
+    assert change.kind == "costly"
+    watched = watch(change, WORLD, 20, 20, np.random.default_rng(10))
+    without = WORLD.settings.model_copy(update={"local": 1e-12})
+    assert (change_delays(watched, WORLD.settings) <= 3).mean() >= 0.95
+    assert (change_delays(watched, without) <= 3).mean() < 0.5
+
+
 @pytest.mark.parametrize(("tails", "seen"), [("gaussian", True), ("symmetric", False)])
 def test_a_goal_that_pays_less_shows_once_an_episode(
     tails: Literal["gaussian", "symmetric"], seen: bool
 ) -> None:
-    """2 instead of 10 is 16 deviations of the noise; where any noise is possible it is half a nat."""
+    """2 instead of 10 is 16 deviations of the noise; where any noise is possible it is half a nat.
+
+    With 13.8 nats to gather that takes some 20 episodes more.
+    """
     model = before().model
     assert model.branch_reward is not None
     less = replace(
@@ -105,7 +125,7 @@ def test_a_goal_that_pays_less_shows_once_an_episode(
     world = replace(WORLD, tails=tails)
     delays = change_delays(watch(change, world, 20, 20, np.random.default_rng(7)), world.settings)
     assert ((delays <= 3).mean() >= 0.95) == seen
-    assert np.isinf(delays).all() != seen
+    assert (delays.min() > 10) != seen
 
 
 def test_a_change_off_the_path_is_no_reason() -> None:

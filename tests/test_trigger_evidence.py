@@ -20,11 +20,11 @@ ANY = STATED.model_copy(update={"tails": "symmetric"})
 
 
 def evidence_of(deviation: Floats, settings: ChangeSettings = STATED) -> Floats:
-    """[M, K - 1], of the rewards, where they are off by so many standard deviations of 0.5."""
+    """[M, K - 2], of the rewards, where they are off by so many standard deviations of 0.5."""
     zeros = np.zeros(len(deviation))
-    rows = np.exp(log_evidence(zeros, zeros[:, np.newaxis], 0.5 * deviation, settings))
+    rows = np.exp(log_evidence(zeros, zeros[:, np.newaxis], zeros, 0.5 * deviation, settings))
     assert rows.shape == (len(deviation), num_kinds(settings))
-    rewards: Floats = rows[:, 1:]
+    rewards: Floats = rows[:, 2:]
     return rewards
 
 
@@ -70,8 +70,11 @@ def test_two_values_that_are_equally_likely_keep_it_too(deviation: float) -> Non
 
 def test_transitions_are_likelihood_ratios_cut_to_the_cap() -> None:
     settings = ChangeSettings(odds=(1.0, 2.0), max_evidence=8.0)
-    found = log_evidence(np.log([0.5, 1e-6]), np.log([[0.25, 0.5], [0.25, 0.5]]), np.zeros(2), settings)
-    np.testing.assert_allclose(found[:, :2], [[np.log(0.5), 0.0], [8.0, 8.0]])
+    local = np.array([1.0, 9.0])
+    found = log_evidence(
+        np.log([0.5, 1e-6]), np.log([[0.25, 0.5], [0.25, 0.5]]), local, np.zeros(2), settings
+    )
+    np.testing.assert_allclose(found[:, :3], [[np.log(0.5), 0.0, 1.0], [8.0, 8.0, 8.0]])
 
 
 @pytest.mark.parametrize("settings", [STATED, ANY])

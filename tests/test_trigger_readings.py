@@ -64,11 +64,22 @@ def test_a_watched_change_multiplies_the_odds_of_a_surprise() -> None:
     np.testing.assert_allclose(found[:, 1], [0.8 * 9 / 14 + other, 0.8 * 5 / 14 + other])
 
 
+def test_at_one_place_the_odds_are_30_times_as_large_or_half_of_the_steps_do_anything() -> None:
+    """The odds of a slip are 1 : 9; thirty times that is 30 : 9. A state and its action are one place."""
+    reading = read(0, 0, RIGHT, [1, 0, 0])
+    found, other = np.exp(reading.log_local), anything(True, 3)
+    np.testing.assert_allclose(found[:2, 0], np.array([9, 30]) / 39 * 0.98 + 0.02 * other)
+    np.testing.assert_allclose(found[:2, 1], 0.5 * np.array([0.9, 0.1]) + 0.5 * other)
+    elsewhere = [read(0, state, action, [1]).place[0] for state, action in ((0, UP), (1, RIGHT))]
+    assert len({*reading.place.tolist(), *elsewhere}) == 3
+
+
 @pytest.mark.parametrize(("state", "action"), [(0, RIGHT), (0, UP), (40, LEFT), (2, STOP), (COMPLETED, END)])
 def test_all_likelihoods_are_distributions(state: int, action: int) -> None:
     found = read(3, state, action, list(range(NUM_STATES)))
     assert np.exp(found.log_likelihood).sum() == pytest.approx(1)
     np.testing.assert_allclose(np.exp(found.log_alternatives).sum(axis=0), [1, 1])
+    np.testing.assert_allclose(np.exp(found.log_local).sum(axis=0), [1, 1])
 
 
 @pytest.mark.parametrize(("state", "action"), [(0, RIGHT), (0, UP), (40, LEFT), (2, STOP)])
@@ -77,7 +88,8 @@ def test_the_mean_of_the_likelihood_ratio_is_at_most_1(state: int, action: int, 
     """Under the model with its floor it is 1; under the model alone it is less (`evidence`)."""
     found = read(0, state, action, list(range(NUM_STATES)))
     prob = successors(state, action) if without_floor else np.exp(found.log_likelihood)
-    ratio = np.exp(found.log_alternatives - found.log_likelihood[:, np.newaxis])
+    changed = np.concatenate([found.log_alternatives, found.log_local], axis=1)
+    ratio = np.exp(changed - found.log_likelihood[:, np.newaxis])
     mean = prob @ ratio
     if without_floor:
         assert np.all(mean < 1)
@@ -146,7 +158,7 @@ def test_a_state_that_the_model_does_not_reach_says_nothing_of_transitions() -> 
     time, state, action, target = (np.array([value]) for value in (0, 1, RIGHT, 2))
     steps = Steps(time, state, action, target, np.array([-0.5]), np.array([False]))
     one = forecast.read(steps)[0]
-    assert one.log_alternatives == pytest.approx((one.log_likelihood,) * 3)
+    assert (*one.log_alternatives, *one.log_local) == pytest.approx((one.log_likelihood,) * 4)
     assert (one.expected_reward, one.gain_variance) == (0.0, 0.0)
 
 

@@ -20,12 +20,14 @@ def reading(
     last: bool = False,
     policy_value: float = 10.0,
 ) -> Reading:
-    """A step whose successor is `ratio` times as likely under each of the three watched changes."""
+    """A step at one place whose successor is `ratio` times as likely under each watched change."""
     return Reading(
         reward=reward,
         expected_reward=expected_reward,
         log_likelihood=math.log(0.5),
-        log_alternatives=(math.log(0.5) + math.log(ratio),) * 3,
+        log_alternatives=(math.log(0.5) + math.log(ratio),) * 2,
+        place=0,
+        log_local=(math.log(0.5) + math.log(ratio),) * 2,
         gain=gain,
         gain_variance=0.01,
         policy_value=policy_value,
@@ -40,6 +42,8 @@ def random_readings(generator: np.random.Generator, length: int, *, level: float
         expected_reward=np.zeros(length),
         log_likelihood=np.log(generator.uniform(0.05, 1.0, length)),
         log_alternatives=_log_uniform(generator, length) + level,
+        place=generator.integers(-1, 5, length),
+        log_local=_log_uniform(generator, length) + level,
         gain=generator.normal(drift, 0.3, length),
         gain_variance=np.full(length, 0.09),
         policy_value=3.0,
@@ -48,5 +52,5 @@ def random_readings(generator: np.random.Generator, length: int, *, level: float
 
 
 def _log_uniform(generator: np.random.Generator, length: int) -> Floats:
-    drawn: Floats = np.log(generator.uniform(0.05, 1.0, (length, 3)))
+    drawn: Floats = np.log(generator.uniform(0.05, 1.0, (length, 2)))
     return drawn

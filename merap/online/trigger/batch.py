@@ -3,7 +3,8 @@
 A second route to what `change.ChangeTrigger` and `window.WindowTrigger` do step by step: cumulated sums
 instead of recursions. Cool-down and budget belong to a loop and are left out.
 
-Axes: M steps of a stream, K kinds of change, J ends of episodes or windows.
+Axes: M steps of a stream, K kinds of change, H ways in which one place may change, J ends of episodes or
+windows.
 """
 
 from __future__ import annotations
@@ -41,8 +42,14 @@ class Trace:
 
 def trace(settings: ChangeSettings, readings: Readings) -> Trace:
     """The evidence of a stream, from its beginning."""
-    residual = readings.reward - readings.expected_reward
-    steps = log_evidence(readings.log_likelihood, readings.log_alternatives, residual, settings)
+    log_ratios = readings.log_local - readings.log_likelihood[:, np.newaxis]
+    steps = log_evidence(
+        readings.log_likelihood,
+        readings.log_alternatives,
+        local_evidence(readings.place, log_ratios, settings.local),
+        readings.reward - readings.expected_reward,
+        settings,
+    )
     sums = _cumulated(steps)  # [M + 1, K]
     detectors = sums[1:] + np.logaddexp.accumulate(-sums[:-1], axis=0)
     least = np.minimum.accumulate(sums[:-1], axis=0)
@@ -54,6 +61,26 @@ def trace(settings: ChangeSettings, readings: Readings) -> Trace:
         ends=ends,
         deviations=_deviations(settings, readings, start, ends),
     )
+
+
+def local_evidence(place: Ints, log_ratios: Floats, chance: float) -> Floats:
+    """float64 [M], logarithms of the likelihood ratios of `local.LocalOdds`.
+
+    Args:
+        place: int64 [M].
+        log_ratios: float64 [M, H].
+        chance: of a change at each visit.
+    """
+    order = np.argsort(place, kind="stable")
+    begins = np.flatnonzero(np.diff(place[order])) + 1
+    found = np.zeros(len(place))
+    for visits in np.split(order, begins):
+        sums = _cumulated(log_ratios[visits] - math.log1p(-chance))
+        coming = math.log(chance / log_ratios.shape[1])
+        log_odds = sums[1:] + np.logaddexp.accumulate(coming - sums[:-1], axis=0)
+        with_none = np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=1))
+        found[visits] = math.log1p(-chance) + np.diff(with_none, prepend=0.0)
+    return found
 
 
 def first_alarm(traced: Trace, settings: ChangeSettings, log_threshold: float | None = None) -> int | None:

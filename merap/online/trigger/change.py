@@ -6,6 +6,9 @@ Two questions, both asked of the readings since the likeliest moment of a change
    change, and their mean. With likelihood ratios whose mean is at most 1 while the model holds, R_n - n is a
    supermartingale: within n steps it passes c with a probability of at most n / c, and takes c steps or more
    on average (Shin, Ramdas and Rinaldo 2024, "E-detectors", theorem 2.4). c is `steps_per_false_alarm`.
+   An alarm begins it anew. With N_n the number of times it has passed c, and R taken as 0 from there to the
+   alarm, R_n + c N_n - n is a supermartingale too: in n steps at most n / c alarms are expected. Two or more
+   have a probability of at most (n / c)^2 / 2, the mean of (n - t) / c over the time t of the first.
 2. *Is the policy worth less for it?* The sum of gains and of rewards less what was expected is, over an
    episode, an unbiased estimate of the policy's value on the real system less its value under the model. It
    is asked when an episode ends, as what is lost in one step may be won back in a later one.
@@ -25,6 +28,7 @@ import numpy as np
 
 from merap.mdp.model import Floats
 from merap.online.trigger.evidence import log_evidence, num_kinds
+from merap.online.trigger.local import LocalOdds
 from merap.online.trigger.settings import ChangeSettings
 from merap.online.trigger.trigger import Alarm, Reading
 
@@ -145,6 +149,7 @@ class ChangeTrigger:
     def _begin(self) -> None:
         self._detectors: Floats = np.full(self._kinds, -np.inf)
         self._sums: Floats = np.zeros(self._kinds)
+        self._local = LocalOdds(self._settings.local)
         self._totals = Totals()
         self._starts = [self._totals] * self._kinds
         self._since_end = 0
@@ -157,9 +162,11 @@ class ChangeTrigger:
 
     def _add_evidence(self, reading: Reading) -> None:
         """One step of each e-detector, and of each CUSUM, whose last zero is the likeliest change."""
+        local = self._local.observe(reading.place, np.array(reading.log_local) - reading.log_likelihood)
         (evidence,) = log_evidence(
             np.array([reading.log_likelihood]),
             np.array([reading.log_alternatives]),
+            np.array([local]),
             np.array([reading.reward - reading.expected_reward]),
             self._settings,
         )

@@ -1,6 +1,7 @@
 """Evidence of a change in single steps: likelihood ratios whose mean is at most 1 while the model holds.
 
-Of transitions: watched changes against the model. Of rewards, by what is stated of their noise:
+Of transitions: watched changes against the model, everywhere or at one place (`local`). Of rewards, by what
+is stated of their noise:
 
 - Gaussian, or of lighter tails: a mean that is lower by so many standard deviations, in every step or in
   some of them. Each ratio is an e-value (Shin, Ramdas and Rinaldo 2024, "E-detectors", section 2).
@@ -42,17 +43,22 @@ SYMMETRIC = (0.05, 0.3, 1.5)
 
 def num_kinds(settings: ChangeSettings) -> int:
     """K, transitions first."""
-    return len(settings.odds) + len(GAUSSIAN if settings.tails == "gaussian" else SYMMETRIC)
+    return len(settings.odds) + 1 + len(GAUSSIAN if settings.tails == "gaussian" else SYMMETRIC)
 
 
 def log_evidence(
-    log_likelihood: Floats, log_alternatives: Floats, residual: Floats, settings: ChangeSettings
+    log_likelihood: Floats,
+    log_alternatives: Floats,
+    local: Floats,
+    residual: Floats,
+    settings: ChangeSettings,
 ) -> Floats:
     """What each step says for each kind of change.
 
     Args:
         log_likelihood: float64 [M], of the successors, under the model.
-        log_alternatives: float64 [M, W], under each of the W watched changes.
+        log_alternatives: float64 [M, W], under each of the W changes watched for everywhere.
+        local: float64 [M], logarithms of the ratios for changes at one place.
         residual: float64 [M], reward less what was expected.
         settings: noise, its tails, and what a step can say at most; the mean of a ratio only falls by that.
 
@@ -66,7 +72,8 @@ def log_evidence(
     else:
         tilted = deviations[:, np.newaxis] * np.array(SYMMETRIC)
         of_rewards = -tilted - tilted**2 / 2
-    evidence: Floats = np.minimum(np.concatenate([of_transitions, of_rewards], axis=1), settings.max_evidence)
+    every = np.concatenate([of_transitions, local[:, np.newaxis], of_rewards], axis=1)
+    evidence: Floats = np.minimum(every, settings.max_evidence)
     return evidence
 
 

@@ -1,7 +1,7 @@
 """From steps that were seen to readings: what the current model and the policy's values say of them.
 
 Axes: M steps, S states, A actions, C choices, B branches as in `TabularMDP`, T steps of an episode, W
-watched changes.
+changes watched for everywhere, H at a place alone.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ from merap.online.trigger.trigger import Reading
 
 # Probabilities that differ by less count as equally large.
 TIES = 1e-9
+# Changes of one state and action: all but the likeliest successor have 30 times the odds, or every other
+# step can do anything. Odds, and part of the steps that can do anything.
+LOCAL_ODDS = (30.0, 1.0)
+LOCAL_SHARE = (0.02, 0.5)
 # Where a step ends up that does what the model holds impossible: next to where it began, or anywhere.
 NEAR = 0.9
 
@@ -54,6 +58,8 @@ class Readings:
         expected_reward: float64 [M].
         log_likelihood: float64 [M].
         log_alternatives: float64 [M, W].
+        place: int64 [M].
+        log_local: float64 [M, H].
         gain: float64 [M].
         gain_variance: float64 [M].
         policy_value: the same for all.
@@ -64,6 +70,8 @@ class Readings:
     expected_reward: Floats
     log_likelihood: Floats
     log_alternatives: Floats
+    place: Ints
+    log_local: Floats
     gain: Floats
     gain_variance: Floats
     policy_value: float
@@ -88,6 +96,8 @@ class Readings:
             expected_reward=float(self.expected_reward[index]),
             log_likelihood=float(self.log_likelihood[index]),
             log_alternatives=tuple(self.log_alternatives[index].tolist()),
+            place=int(self.place[index]),
+            log_local=tuple(self.log_local[index].tolist()),
             gain=float(self.gain[index]),
             gain_variance=float(self.gain_variance[index]),
             policy_value=self.policy_value,
@@ -135,12 +145,15 @@ class Forecast:
         mean, variance = self._moments(choice, steps.time + 1)
         reward = np.where(choice >= 0, self._model.choice_reward[choice], 0.0)
         reward = np.where(branch >= 0, self._model.mean_branch_reward[branch], reward)
-        log_likelihood, log_alternatives = self._likelihoods(steps, choice, branch)
+        log_likelihood, log_changed = self._likelihoods(steps, choice, branch)
+        everywhere = len(self._settings.odds)
         return Readings(
             reward=steps.reward,
             expected_reward=reward,
             log_likelihood=log_likelihood,
-            log_alternatives=log_alternatives,
+            log_alternatives=log_changed[:, :everywhere],
+            place=choice,
+            log_local=log_changed[:, everywhere:],
             gain=reward + after - np.where(choice >= 0, mean, before),
             gain_variance=variance,
             policy_value=self.policy_value,
@@ -183,14 +196,15 @@ class Forecast:
         return mean, sum_by(step, prob * (worth - mean[step]) ** 2, len(choice))
 
     def _likelihoods(self, steps: Steps, choice: Ints, branch: Ints) -> tuple[Floats, Floats]:
-        """Of the successors, under the model [M] and the watched changes [M, W]."""
+        """Of the successors, under the model [M] and the watched changes [M, W + H]."""
         settings = self._settings
         anything = self._anything(steps)
         prob = np.where(branch >= 0, self._model.branch_prob[branch], 0.0)
         # A state that the model does not reach says nothing: anything can happen there.
         floor = np.where(choice >= 0, settings.floor, 1.0)
-        share = np.where(choice >= 0, settings.share, 1.0)[:, np.newaxis]
-        odds = np.array(settings.odds)
+        shares = np.array([settings.share] * len(settings.odds) + [*LOCAL_SHARE])
+        share = np.where((choice >= 0)[:, np.newaxis], shares, 1.0)
+        odds = np.array([*settings.odds, *LOCAL_ODDS])
         surprise = np.where(choice >= 0, self._surprise[choice], 0.0)[:, np.newaxis]
         unlikely = ((branch >= 0) & self._unlikely[branch])[:, np.newaxis]
         shifted = prob[:, np.newaxis] * np.where(unlikely, odds, 1.0) / (1 + (odds - 1) * surprise)

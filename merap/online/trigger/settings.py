@@ -41,15 +41,19 @@ class ChangeSettings(_Settings):
         default=1e-5, gt=0, lt=1, description="probability that a step does what the model holds impossible"
     )
     odds: tuple[Annotated[float, Field(ge=1)], ...] = Field(
-        default=(1.0, 3.0, 30.0),
+        default=(2.5, 7.0),
         min_length=1,
-        description="changes watched for: all but the likeliest successor have that many times the odds",
+        description="changes watched for everywhere: "
+        "all but the likeliest successor have that many times the odds",
     )
     share: float = Field(
-        default=0.02, gt=0, lt=1, description="of a watched change: part of its steps that can do anything"
+        default=1e-3, gt=0, lt=1, description="of a watched change: part of its steps that can do anything"
+    )
+    local: float = Field(
+        default=0.01, gt=0, lt=1, description="chance per visit of a change at one state and action alone"
     )
     steps_per_false_alarm: float = Field(
-        default=1e7, gt=1, description="without a change, at least that many steps on average per alarm"
+        default=1e6, gt=1, description="without a change, at least that many steps on average per alarm"
     )
     release: float = Field(
         default=0.5,
@@ -61,10 +65,10 @@ class ChangeSettings(_Settings):
         default=8.0, gt=0, description="that a single step can add, in natural logarithms"
     )
     tolerated_loss: float = Field(
-        default=0.05, ge=0, description="of an episode's value, as a part of it, that is put up with"
+        default=0.1, ge=0, description="of an episode's value, as a part of it, that is put up with"
     )
     deviations: float = Field(
-        default=4.0, gt=0, description="standard deviations by which the loss must exceed what is tolerated"
+        default=2.5, gt=0, description="standard deviations by which the loss must exceed what is tolerated"
     )
     longest: int = Field(
         default=200, ge=1, description="steps after which an episode is judged though it is not over"

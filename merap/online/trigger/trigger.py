@@ -14,7 +14,9 @@ class Reading:
         reward: as received, noise included.
         expected_reward: of the transition that was seen, under the model.
         log_likelihood: of the successor that was seen, under the model and its floor.
-        log_alternatives: of the same successor, under each of the changes that are watched for.
+        log_alternatives: of the same successor, under each of the changes that are watched for everywhere.
+        place: state and action, as a number.
+        log_local: of the successor, under each of the changes that are watched for at a place alone.
         gain: r(s, a, s') + V(s') - Q(s, a), what the draw of the successor alone won or lost; its mean is 0
             as long as the model holds. V and Q are the policy's values under the model.
         gain_variance: of the gain, under the model.
@@ -26,6 +28,8 @@ class Reading:
     expected_reward: float
     log_likelihood: float
     log_alternatives: tuple[float, ...]
+    place: int
+    log_local: tuple[float, ...]
     gain: float
     gain_variance: float
     policy_value: float
