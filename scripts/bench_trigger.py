@@ -48,7 +48,7 @@ CURVE_STREAMS = 20
 WIDTH = 150
 # What slip becomes, from the 0.1 that is stated.
 SLIPS = (0.2, 0.3, 0.4, 0.5)
-LOG_THRESHOLDS = (5, 7, 9, 11, 13, 16.1, 19)
+LOG_THRESHOLDS = (5, 7, 9, 11, 13.8, 16.1, 19)
 MARGINS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 WINDOWS = {
     "the paper's window: an episode": WindowSettings(threshold=0.0),

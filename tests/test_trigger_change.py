@@ -37,7 +37,7 @@ def run(trigger: ChangeTrigger, readings: list[Reading]) -> list[int]:
 def test_a_change_that_costs_is_told_when_the_episode_ends() -> None:
     trigger = ChangeTrigger(SETTINGS)
     assert run(trigger, [one for _ in range(20) for one in episode(ratio=0.8)]) == []
-    # each step multiplies the detectors of transitions by e^8 (the cap) or nearly so: two would do
+    # each step multiplies the detectors of transitions by e^7 (the cap) or nearly so: two would do
     assert run(trigger, episode(ratio=1e6, gain=-1.0)) == [EPISODE - 1]
 
 

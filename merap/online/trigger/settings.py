@@ -62,7 +62,7 @@ class ChangeSettings(_Settings):
         description="a suspicion is dropped once the evidence falls to this part of the threshold",
     )
     max_evidence: float = Field(
-        default=8.0, gt=0, description="that a single step can add, in natural logarithms"
+        default=7.0, gt=0, description="that a single step can add, in natural logarithms"
     )
     tolerated_loss: float = Field(
         default=0.1, ge=0, description="of an episode's value, as a part of it, that is put up with"
