@@ -66,7 +66,7 @@ def test_train_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--resume", "--seed", "1"], "--resume goes on with the settings of the run"),
+        (["--resume", "--seed", "1"], "--resume goes on with the run's own case and settings"),
         (["--resume"], "is not a run folder"),
     ],
 )

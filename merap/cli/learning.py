@@ -81,7 +81,10 @@ def train(
             or settings
             or any(value is not None for value in given.values())
         ):
-            raise InputError("--resume goes on with the settings of the run; give none", source="merap train")
+            raise InputError(
+                "--resume goes on with the run's own case and settings: merap train -o RUN --resume",
+                source="merap train",
+            )
         run = read_run(out)
     else:
         if case is None:
