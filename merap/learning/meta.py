@@ -195,6 +195,7 @@ def outer_objective(
     variance: Tensor | None,
     config: TrainingConfig,
     horizon: int,
+    threads: int,
 ) -> Objective:
     """The objective on tasks.
 
@@ -206,6 +207,7 @@ def outer_objective(
         variance: float [], of the advantages so far; None at the first update.
         config: estimator, inner steps, order, span.
         horizon: T.
+        threads: that the work may be shared among.
     """
     whole = core.Problem(
         tasks=tasks,
@@ -221,4 +223,4 @@ def outer_objective(
     size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
     ends = np.linspace(0, num_tasks, -(-num_tasks // size) + 1).round().astype(int)
     problems = (whole._replace(tasks=tasks.some(slice(start, end))) for start, end in pairwise(ends.tolist()))
-    return Objective(tuple(problems), torch.get_num_threads())
+    return Objective(tuple(problems), threads)

@@ -25,7 +25,7 @@ from merap.learning.metrics import UpdateMetrics
 from merap.learning.policy import PolicyNetwork, initial_parameters
 from merap.learning.progress import Progress
 from merap.learning.tasks import TaskBatch
-from merap.learning.threads import one_blas_thread
+from merap.learning.threads import one_blas_thread, one_thread
 from merap.learning.trust_region import trust_region_step
 
 # The running mean of the advantages' variance looks back about that many updates.
@@ -155,8 +155,10 @@ def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> I
                 variance=state.variance,
                 config=config,
                 horizon=tasks.horizon,
+                threads=torch.get_num_threads(),
             )
-            metrics = _update(problem, tasks.horizon, config, state, begin)
+            with one_thread():  # torch's own would wait for work in a loop, on the core of ours
+                metrics = _update(problem, tasks.horizon, config, state, begin)
             if metrics is None:
                 return
             yield metrics
