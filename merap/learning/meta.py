@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 import torch
@@ -117,11 +117,11 @@ class Objective:
         shape = (self.num_tasks, rounds, config.episodes, horizon + 1)
         dtype = torch.float64 if theta.itemsize == 8 else torch.float32
         draws = torch.rand(shape, generator=generator, dtype=dtype).numpy()
-        ends = np.cumsum([len(problem.tasks.live) for problem in self.problems])
+        ends = accumulate((len(problem.tasks.live) for problem in self.problems), initial=0)
         found = on_threads(
             [
-                partial(core.draw_and_differentiate, problem, theta, part)
-                for problem, part in zip(self.problems, np.split(draws, ends[:-1]), strict=True)
+                partial(core.draw_and_differentiate, problem, theta, draws[slice(*bounds)])
+                for problem, bounds in zip(self.problems, pairwise(ends), strict=True)
             ],
             self.threads,
         )

@@ -22,6 +22,7 @@ from merap.learning.exact import require_span
 from merap.learning.layout import array_of, core_network, core_tasks, flat, shaped
 from merap.learning.meta import MetaPolicy, Objective, outer_objective, step_rule
 from merap.learning.metrics import UpdateMetrics
+from merap.learning.optimizer import step
 from merap.learning.policy import PolicyNetwork, initial_parameters
 from merap.learning.progress import Progress
 from merap.learning.tasks import TaskBatch
@@ -119,10 +120,10 @@ def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) ->
     of_sizes = {"params": [log_step_sizes], "lr": config.step_size_learning_rate}
     of_theta = {"params": [theta], "lr": config.learning_rate}
     if config.outer == "trpo":
-        return torch.optim.Adam([of_sizes], fused=True)
+        return torch.optim.Adam([of_sizes])
     if config.outer == "sgd":
         return torch.optim.SGD([of_theta, of_sizes])
-    return torch.optim.Adam([of_theta, of_sizes], fused=True)
+    return torch.optim.Adam([of_theta, of_sizes])
 
 
 def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> Iterator[UpdateMetrics]:
@@ -195,9 +196,9 @@ def _update(
             again = objective.differentiate_again(theta, drawn)
             gradient, of_sizes = again.theta, again.sizes
         if config.outer == "trpo":
-            step = trust_region_step(objective, theta, gradient, drawn, config)
-            kl, length = step.kl, step.length
-            state.theta.copy_(torch.from_numpy(step.theta))
+            moved = trust_region_step(objective, theta, gradient, drawn, config)
+            kl, length = moved.kl, moved.length
+            state.theta.copy_(torch.from_numpy(moved.theta))
         _ascend(state, gradient, of_sizes, config)
     _remember(state, variance, float(seen.adapted_return.mean()))
     return UpdateMetrics(
@@ -239,7 +240,7 @@ def _ascend(state: TrainingState, gradient: Array, of_sizes: Array, config: Trai
     downhill = gradient.dtype.type(-scale)
     state.theta.grad = torch.from_numpy(downhill * gradient)
     state.log_step_sizes.grad = torch.from_numpy(downhill * of_sizes)
-    state.optimizer.step()
+    step(state.optimizer)
 
 
 def _norm(gradient: Array, of_sizes: Array) -> float:
