@@ -62,7 +62,7 @@ def _speed(world: baseline_maml.World, tasks: TaskBatch, rounds: int) -> Figures
     rates = []
     for update in range(rounds + 1):
         theta, times, _ = baseline_maml.baseline_update(world, theta, settings, generator)
-        turns = [("exact", next(exact)) for _ in range(5)] + [("sampled", next(sampled)) for _ in range(3)]
+        turns = [("sampled", next(sampled)) for _ in range(5)] + [("exact", next(exact)) for _ in range(20)]
         if update:  # the first of each compiles, allocates and imports
             seconds["baseline"].append(times.total)
             rates.append(times.steps_per_second)

@@ -69,6 +69,7 @@ class Setting:
             VARIANCE,
             self.config,
             self.tasks.horizon,
+            torch.get_num_threads(),
         )
 
     def drawn(self) -> tuple[OuterGradient, list[Drawn], Seen]:

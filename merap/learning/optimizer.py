@@ -17,6 +17,7 @@ def step(optimizer: torch.optim.Optimizer) -> None:
         optimizer.step()
         return
     for group in optimizer.param_groups:
+        beta1, beta2 = group["betas"]
         for leaf in group["params"]:
             state = optimizer.state[leaf]
             if not state:
@@ -30,6 +31,7 @@ def step(optimizer: torch.optim.Optimizer) -> None:
                 state["exp_avg_sq"].numpy(),
                 int(state["step"]),
                 group["lr"],
-                *group["betas"],
+                beta1,
+                beta2,
                 group["eps"],
             )

@@ -35,9 +35,8 @@ def rollout(policy: Array, tasks: Tasks, draws: Array) -> Episodes:
         draws: float [N, B, T + 1] in [0, 1): of the initial state, then one for action and successor
             of each step.
     """
-    ends = np.cumsum(tasks.initial, axis=1)
-    arrays = (tasks.prob, tasks.reward, tasks.successor, tasks.live)
-    return Episodes(*_rollout(policy, *arrays, ends / ends[:, -1:], draws))
+    arrays = (tasks.prob, tasks.reward, tasks.successor, tasks.live, tasks.initial)
+    return Episodes(*_rollout(policy, *arrays, draws))
 
 
 def mean_return(episodes: Episodes, discount: float) -> Array:
@@ -49,9 +48,7 @@ def mean_return(episodes: Episodes, discount: float) -> Array:
 
 def visits(episodes: Episodes, num_states: int) -> Array:
     """float [N, S], share of the active steps that began in a state."""
-    counted = _visits(episodes.state, episodes.active, num_states)
-    shares: Array = counted / np.maximum(counted.sum(axis=1, keepdims=True), 1)
-    return shares.astype(episodes.reward.dtype)
+    return _visits(episodes.state, episodes.active, num_states, episodes.reward)
 
 
 def discounted_sums(terms: Array, discount: float) -> Array:
@@ -66,16 +63,18 @@ def _rollout(
     reward: Array,
     successor: Successors,
     live: Bools,
-    starts: Array,
+    initial: Array,
     draws: Array,
 ) -> tuple[Numbers, Numbers, Array, Bools]:
-    """State, action, reward and activity [N, B, T]; starts [N, S] are cumulated."""
+    """State, action, reward and activity [N, B, T]."""
     shape = (len(policy), draws.shape[1], draws.shape[2] - 1)
     state, action = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)
     earned, active = np.zeros(shape, dtype=policy.dtype), np.zeros(shape, dtype=np.bool_)
     for n in range(shape[0]):
+        starts = np.cumsum(initial[n])
+        starts /= starts[-1]
         for b in range(shape[1]):
-            s = np.int64(np.searchsorted(starts[n], draws[n, b, 0], side="right"))
+            s = np.int64(np.searchsorted(starts, draws[n, b, 0], side="right"))
             for t in range(shape[2]):
                 state[n, b, t] = s
                 if live[n, s]:
@@ -104,15 +103,17 @@ def _drawn(shares: Array, draw: float) -> tuple[int, float]:
 
 
 @compiled
-def _visits(state: Numbers, active: Bools, num_states: int) -> Array:
-    """float64 [N, S], number of active steps."""
-    counts = np.zeros((len(state), num_states))
+def _visits(state: Numbers, active: Bools, num_states: int, like: Array) -> Array:
+    """Shares of the precision of another array."""
+    shares = np.zeros((len(state), num_states), dtype=like.dtype)
     for n in range(state.shape[0]):
+        counts = np.zeros(num_states)
         for b in range(state.shape[1]):
             for t in range(state.shape[2]):
                 if active[n, b, t]:
-                    counts[n, state[n, b, t]] += 1
-    return counts
+                    counts[state[n, b, t]] += 1
+        shares[n] = counts / max(counts.sum(), 1.0)
+    return shares
 
 
 @compiled

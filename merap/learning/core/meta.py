@@ -10,13 +10,7 @@ import numpy as np
 from merap.learning.core.episodes import Episodes, mean_return, rollout, visits
 from merap.learning.core.jit import Array
 from merap.learning.core.network import Network, pullback, pushforward
-from merap.learning.core.softmax import (
-    divergence,
-    entropy_slope,
-    less_expected,
-    through_log_softmax,
-    through_softmax,
-)
+from merap.learning.core.softmax import divergence, entropy_slope, sampling_noise, through_softmax
 from merap.learning.core.steps import (
     Loss,
     Policies,
@@ -212,7 +206,7 @@ def _drawn_step(problem: Problem, now: Policies, draws: Array) -> tuple[Step, Ar
     scale = sampled.scale.astype(table.dtype)
     noise = np.zeros_like(table)
     if problem.noise:  # what was sampled, without its expectation
-        noise = less_expected(table, through_log_softmax(table, sampled.gradient), -scale, found.gradient)
+        noise = sampling_noise(table, sampled.gradient, scale, found.gradient)
     step = step_from(now, Loss(noise, scale), found, problem.network)
     return step, found.total, sampled.variance, visits(episodes, table.shape[1])
 

@@ -12,10 +12,7 @@ LEAST = 1e-37
 
 def masked_softmax(logits: Array, enabled: Bools) -> Array:
     """Probabilities of logits [N, S, A] or [S, A], over the enabled actions; 0 in a row without any."""
-    policy = _below_greatest(logits.reshape(-1, *enabled.shape[1:]), enabled)
-    np.exp(policy, out=policy)  # numpy's is vectorised
-    _normalise(policy)
-    return policy
+    return _masked_softmax(logits.reshape(-1, *enabled.shape[1:]), enabled)
 
 
 def divergence(old: Array, new: Array, visits: Array) -> Array:
@@ -26,9 +23,9 @@ def divergence(old: Array, new: Array, visits: Array) -> Array:
 
 
 @compiled
-def _below_greatest(logits: Array, enabled: Bools) -> Array:
-    """Logits [R, S, A] less the greatest enabled one, R 1 or N; -inf where disabled."""
-    result = np.full(enabled.shape, -np.inf, dtype=logits.dtype)
+def _masked_softmax(logits: Array, enabled: Bools) -> Array:
+    """Of logits [R, S, A], R 1 or N."""
+    policy = np.zeros(enabled.shape, dtype=logits.dtype)
     num_tasks, num_states, num_actions = enabled.shape
     for n in range(num_tasks):
         r = n if len(logits) > 1 else 0
@@ -37,24 +34,15 @@ def _below_greatest(logits: Array, enabled: Bools) -> Array:
             for a in range(num_actions):
                 if enabled[n, s, a]:
                     greatest = max(greatest, logits[r, s, a])
+            total = logits.dtype.type(0)
             for a in range(num_actions):
                 if enabled[n, s, a]:
-                    result[n, s, a] = logits[r, s, a] - greatest
-    return result
-
-
-@compiled
-def _normalise(weights: Array) -> None:
-    """Divide every row [A] by its sum, unless that is 0."""
-    num_tasks, num_states, num_actions = weights.shape
-    for n in range(num_tasks):
-        for s in range(num_states):
-            total = weights.dtype.type(0)
+                    policy[n, s, a] = np.exp(logits[r, s, a] - greatest)
+                    total += policy[n, s, a]
             for a in range(num_actions):
-                total += weights[n, s, a]
-            if total > 0:
-                for a in range(num_actions):
-                    weights[n, s, a] /= total
+                if enabled[n, s, a]:
+                    policy[n, s, a] /= total
+    return policy
 
 
 @compiled
@@ -104,8 +92,23 @@ def less_expected(policy: Array, weight: Array, scale: Array, gradient: Array) -
 
 
 @compiled
-def through_softmax_dot(policy: Array, policy_dot: Array, gradient: Array, gradient_dot: Array) -> Array:
-    """The derivative of `through_softmax` where policy and gradient both change."""
+def sampling_noise(policy: Array, sampled: Array, scale: Array, gradient: Array) -> Array:
+    """A sampled slope in log pi as one in the logits, without its expectation.
+
+    Args:
+        policy: float [N, S, A].
+        sampled: float [N, S, A], in log pi.
+        scale: float [N]: minus scale times the gradient is what it is expected to be, in pi.
+        gradient: float [N, S, A], in pi.
+    """
+    return less_expected(policy, through_log_softmax(policy, sampled), -scale, gradient)
+
+
+@compiled
+def through_softmax_dot(
+    policy: Array, policy_dot: Array, gradient: Array, gradient_dot: Array, scale: Array
+) -> Array:
+    """scale [N] times the derivative of `through_softmax` where policy and gradient both change."""
     result = np.empty_like(policy)
     num_tasks, num_states, num_actions = policy.shape
     for n in range(num_tasks):
@@ -116,7 +119,8 @@ def through_softmax_dot(policy: Array, policy_dot: Array, gradient: Array, gradi
                 mean_dot += policy_dot[n, s, a] * gradient[n, s, a] + policy[n, s, a] * gradient_dot[n, s, a]
             for a in range(num_actions):
                 of_policy = policy_dot[n, s, a] * (gradient[n, s, a] - mean)
-                result[n, s, a] = of_policy + policy[n, s, a] * (gradient_dot[n, s, a] - mean_dot)
+                of_gradient = policy[n, s, a] * (gradient_dot[n, s, a] - mean_dot)
+                result[n, s, a] = scale[n] * (of_policy + of_gradient)
     return result
 
 

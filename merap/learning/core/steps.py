@@ -165,8 +165,7 @@ def _slope_dot(step: Step, logits_dot: Array, tasks: Tasks) -> Array:
     table_dot = through_softmax(table, logits_dot)
     if step.found is not None and loss.scale is not None:
         gradient_dot = hessian_product(table, step.found, table_dot, tasks)
-        bent: Array = through_softmax_dot(table, table_dot, step.found.gradient, gradient_dot)
-        bent *= -loss.scale[:, np.newaxis, np.newaxis]
-        return bent
+        gradient = step.found.gradient
+        return through_softmax_dot(table, table_dot, gradient, gradient_dot, -loss.scale)
     slope_dot: Array = -table_dot * loss.weight.sum(axis=-1, keepdims=True)
     return slope_dot
