@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from merap.learning.core.jit import Array
+from merap.learning.core.jit import Array, compiled
 from merap.learning.core.network import (
     Cotangents,
     Network,
@@ -136,14 +136,28 @@ def pull(
     """
     of_sizes: Array = np.zeros_like(step_sizes)
     for step in reversed(steps):
-        moved = step_sizes * cotangent
-        of_sizes -= np.einsum("np,np->p", moved, step.gradient)
+        moved, total, slopes = _moved(cotangent, step.gradient, step_sizes)
+        of_sizes -= slopes
         summed = step is steps[0]
         if summed:
-            cotangent = cotangent.sum(axis=0)
+            cotangent = total
         if order == 2:
             cotangent = cotangent - _hessian_times(step, moved, network, tasks, summed=summed)
     return cotangent, of_sizes
+
+
+@compiled
+def _moved(cotangent: Array, gradient: Array, step_sizes: Array) -> tuple[Array, Array, Array]:
+    """alpha times a cotangent [N, P]; sums over the tasks: of the cotangent, and of that times a gradient."""
+    moved = np.empty_like(cotangent)
+    total, slopes = np.zeros_like(step_sizes), np.zeros_like(step_sizes)
+    num_tasks, num_entries = cotangent.shape
+    for n in range(num_tasks):
+        for p in range(num_entries):
+            moved[n, p] = step_sizes[p] * cotangent[n, p]
+            total[p] += cotangent[n, p]
+            slopes[p] += moved[n, p] * gradient[n, p]
+    return moved, total, slopes
 
 
 def _hessian_times(
