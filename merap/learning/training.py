@@ -249,9 +249,9 @@ def _norm(gradient: Array, of_sizes: Array) -> float:
 
 def _remember(state: TrainingState, variance: float, adapted_return: float) -> None:
     state.update += 1
-    state.variance = _running_mean(
-        state.variance, torch.tensor(variance, dtype=state.theta.dtype), state.update
-    )
+    mean = variance if state.variance is None else state.variance.item()
+    mean += (variance - mean) / min(state.update, _VARIANCE_MEMORY)
+    state.variance = torch.tensor(mean, dtype=state.theta.dtype)
     if state.progress.observe(adapted_return):
         copies = state.theta.detach().clone(), state.log_step_sizes.detach().clone()
         state.best = Best(*copies, state.variance.clone())
@@ -260,12 +260,6 @@ def _remember(state: TrainingState, variance: float, adapted_return: float) -> N
 def _entropy_weight(config: TrainingConfig, update: int) -> float:
     left = 1 - update / config.updates
     return config.entropy * (config.final_entropy + (1 - config.final_entropy) * left)
-
-
-def _running_mean(mean: Tensor | None, value: Tensor, count: int) -> Tensor:
-    if mean is None:
-        return value
-    return mean + (value - mean) / min(count, _VARIANCE_MEMORY)
 
 
 def outcome(config: TrainingConfig, state: TrainingState) -> Outcome:
