@@ -21,7 +21,7 @@ from merap.learning.core.values import values
 from merap.learning.exact import Span, exact_problem, expected_return
 from merap.learning.gradient_step import StepRule, sampled_step
 from merap.learning.layout import array_of, core_network, core_tasks, flat, per_entry, shaped
-from merap.learning.meta import Objective, OuterGradient, outer_objective, step_rule
+from merap.learning.meta import Objective, OuterGradient, outer_objective, ranges, step_rule
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
 from merap.learning.rollout import drawn_episodes, rollout, sampler
 from merap.learning.tasks import TaskBatch
@@ -61,9 +61,10 @@ class Setting:
     theta: Array
 
     def objective(self, log_sizes: Array | None = None) -> Objective:
+        network = core_network(self.network, torch.float64)
         return outer_objective(
-            core_tasks(self.tasks, self.tasks.discount),
-            core_network(self.network, torch.float64),
+            ranges(core_tasks(self.tasks, self.tasks.discount), network),
+            network,
             SIZES if log_sizes is None else np.exp(log_sizes),
             step_rule(self.config, self.tasks.discount),
             VARIANCE,
@@ -268,7 +269,7 @@ def test_ranges_and_threads_change_nothing_but_rounding() -> None:
     setting = _setting(_config())
     many = Setting(setting.config, setting.tasks[torch.arange(20) % 3], setting.network, setting.theta)
     objective = many.objective()
-    assert [len(problem.tasks.live) for problem in objective.problems] == [7, 6, 7]
+    assert [len(problem.tasks.live) for problem in objective.problems] == [6, 7, 7]
     before = torch.get_num_threads()
     found = []
     for threads in (1, 2, 4):

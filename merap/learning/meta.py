@@ -187,8 +187,17 @@ class Objective:
         return OuterGradient(theta / self.num_tasks, of_sizes / self.num_tasks, entropy / self.num_tasks)
 
 
+def ranges(tasks: Tasks, network: Network) -> tuple[Tasks, ...]:
+    """Tasks in ranges of nearly equal length."""
+    num_tasks, num_states, _ = tasks.enabled.shape
+    size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
+    count = -(-num_tasks // size)
+    ends = [num_tasks * part // count for part in range(count + 1)]
+    return tuple(tasks.some(slice(*bounds)) for bounds in pairwise(ends))
+
+
 def outer_objective(
-    tasks: Tasks,
+    parts: Sequence[Tasks],
     network: Network,
     step_sizes: Array,
     rule: StepRule,
@@ -200,7 +209,7 @@ def outer_objective(
     """The objective on tasks.
 
     Args:
-        tasks: N of them.
+        parts: N of them, in ranges.
         network: the policies' shape.
         step_sizes: float [2 L], alpha for each weight and bias.
         rule: how episodes become a step.
@@ -209,8 +218,8 @@ def outer_objective(
         horizon: T.
         threads: that the work may be shared among.
     """
-    whole = core.Problem(
-        tasks=tasks,
+    first = core.Problem(
+        tasks=parts[0],
         network=network,
         step_sizes=per_entry(step_sizes, network),
         judgement=rule.judgement(variance),
@@ -219,8 +228,4 @@ def outer_objective(
         exact=config.estimator == "exact",
         noise=config.sampling_noise,
     )
-    num_tasks, num_states, _ = tasks.enabled.shape
-    size = max(1, min(_RANGE, _RANGE_NUMEL // (num_states * max(network.sizes[1:]))))
-    ends = np.linspace(0, num_tasks, -(-num_tasks // size) + 1).round().astype(int)
-    problems = (whole._replace(tasks=tasks.some(slice(start, end))) for start, end in pairwise(ends.tolist()))
-    return Objective(tuple(problems), threads)
+    return Objective(tuple(first._replace(tasks=part) for part in parts), threads)

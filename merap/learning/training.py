@@ -20,7 +20,7 @@ from merap.learning.config import TrainingConfig
 from merap.learning.core.jit import Array
 from merap.learning.exact import require_span
 from merap.learning.layout import array_of, core_network, core_tasks, flat, shaped
-from merap.learning.meta import MetaPolicy, Objective, outer_objective, step_rule
+from merap.learning.meta import MetaPolicy, Objective, outer_objective, ranges, step_rule
 from merap.learning.metrics import UpdateMetrics
 from merap.learning.optimizer import step
 from merap.learning.policy import PolicyNetwork, initial_parameters
@@ -140,17 +140,17 @@ def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> I
     network = core_network(policy_network(tasks, config), tasks.dtype)
     rule = step_rule(config, tasks.discount)
     size = min(config.tasks_per_update, tasks.num_tasks)
+    whole = ranges(everything, network)
     with one_blas_thread():
         while state.update < config.updates and not _on_plateau(state, config):
             begin = time.perf_counter()
-            drawn = everything
+            parts = whole
             if size < tasks.num_tasks:  # distinct ones, uniformly (the paper's P(M))
-                drawn = everything.some(
-                    torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy()
-                )
+                drawn = torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy()
+                parts = ranges(everything.some(drawn), network)
             problem = partial(
                 outer_objective,
-                drawn,
+                parts,
                 network,
                 rule=rule,
                 variance=state.variance,
