@@ -95,9 +95,10 @@ def test_parameters_stand_in_the_order_of_the_layers() -> None:
     parameters = random_parameters(network, 0)
     theta = array_of(flat(parameters))
     core = core_network(network, torch.float64)
-    for layer in range(3):
-        np.testing.assert_array_equal(core.weight(theta, layer), parameters[f"layer{layer}.weight"])
-        np.testing.assert_array_equal(core.bias(theta, layer)[0], parameters[f"layer{layer}.bias"])
+    for layer, (start, middle, end) in enumerate(core.bounds):
+        weight = parameters[f"layer{layer}.weight"]
+        np.testing.assert_array_equal(theta[start:middle].reshape(weight.shape), weight)
+        np.testing.assert_array_equal(theta[middle:end], parameters[f"layer{layer}.bias"])
     back = shaped(torch.from_numpy(theta), network)
     assert all(torch.equal(back[name], value) for name, value in parameters.items())
 

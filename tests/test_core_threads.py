@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from merap.learning.core.threads import beside, on_threads
+from merap.learning.core.threads import on_threads
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
@@ -26,11 +26,9 @@ def test_results_come_in_the_order_of_the_pieces(threads: int) -> None:
 def test_pieces_run_side_by_side() -> None:
     meeting = threading.Barrier(2, timeout=30)  # broken, an error, unless both are in it at once
     assert sorted(on_threads([meeting.wait, meeting.wait], 2)) == [0, 1]
-    assert sorted(beside(meeting.wait, meeting.wait, 2)) == [0, 1]
 
 
 def test_one_thread_is_the_callers() -> None:
-    assert beside(threading.get_ident, threading.get_ident, 1) == (threading.get_ident(),) * 2
     assert set(on_threads([threading.get_ident] * 3, 1)) == {threading.get_ident()}
 
 
@@ -42,4 +40,4 @@ def test_an_error_of_a_piece_is_raised(threads: int) -> None:
     with pytest.raises(ArithmeticError, match="of the piece"):
         on_threads([fails, lambda: 1], threads)
     with pytest.raises(ArithmeticError, match="of the piece"):
-        beside(lambda: 1, fails, threads)
+        on_threads([lambda: 1, fails], threads)

@@ -38,11 +38,6 @@ class Network:
     features: Array | None
     activation: Activation
 
-    @property
-    def num_layers(self) -> int:
-        """L."""
-        return len(self.sizes) - 1
-
     @cached_property
     def layers(self) -> Numbers:
         """int64 [L + 1], the sizes as the passes read them."""
@@ -65,16 +60,6 @@ class Network:
             (end - (inputs + 1) * outputs, end - outputs, end)
             for end, (inputs, outputs) in zip(ends, pairwise(self.sizes), strict=True)
         )
-
-    def weight(self, theta: Array, layer: int) -> Array:
-        """[.., inputs, outputs], a view."""
-        start, middle, _ = self.bounds[layer]
-        return theta[..., start:middle].reshape(*theta.shape[:-1], *self.sizes[layer : layer + 2])
-
-    def bias(self, theta: Array, layer: int) -> Array:
-        """[.., 1, outputs], a view."""
-        _, middle, end = self.bounds[layer]
-        return theta[..., np.newaxis, middle:end]
 
 
 class Signals(NamedTuple):

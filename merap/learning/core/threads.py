@@ -8,7 +8,6 @@ from functools import cache
 from typing import TypeVar
 
 Result = TypeVar("Result")
-Other = TypeVar("Other")
 
 
 def on_threads(pieces: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
@@ -24,15 +23,6 @@ def on_threads(pieces: Sequence[Callable[[], Result]], threads: int) -> list[Res
     for piece, future in zip(reversed(pieces[:-1]), reversed(futures), strict=True):
         results.append(piece() if future.cancel() else future.result())
     return results[::-1]
-
-
-def beside(first: Callable[[], Result], second: Callable[[], Other], threads: int) -> tuple[Result, Other]:
-    """Do both, side by side if there are two threads for it."""
-    if threads < 2:
-        return first(), second()
-    future = _pool(1).submit(first)
-    other = second()
-    return (first() if future.cancel() else future.result()), other
 
 
 @cache
