@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -135,9 +136,13 @@ def draw_and_differentiate(problem: Problem, theta: Array, draws: Array) -> tupl
     adapted = Adapted(tuple(steps), now)
     drawn, slope, adapted_return = _drawn_outer(problem, adapted, draws[:, -1])
     entropy, entropy_in_logits = entropy_slope(steps[0].before.table, shares[0])
-    of_entropy, _ = pullback(theta, network, steps[0].before.at, entropy_in_logits.sum(axis=0, keepdims=True))
+    of_entropy, _ = pullback(theta, network, steps[0].before.at, entropy_in_logits)
     gradient = Gradient(*_through_steps(problem, adapted, slope), of_entropy[0])
-    return gradient, drawn, Seen(returns[0], adapted_return, np.mean(variances, axis=0), entropy)
+    return (
+        gradient,
+        drawn,
+        Seen(returns[0], adapted_return, reduce(np.add, variances) / len(variances), entropy),
+    )
 
 
 def adapt_again(problem: Problem, theta: Array, losses: Sequence[Loss]) -> Adapted:

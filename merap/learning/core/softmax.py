@@ -126,19 +126,20 @@ def through_softmax_dot(
 
 @compiled
 def entropy_slope(policy: Array, visits: Array) -> tuple[Array, Array]:
-    """Entropy in nats weighted by visits [N, S], float64 [N], and its gradient in the logits [N, S, A]."""
-    slope = np.zeros_like(policy)
+    """Entropy in nats weighted by visits [N, S], float64 [N]; its gradient in shared logits [1, S, A]."""
     num_tasks, num_states, num_actions = policy.shape
+    slope = np.zeros((1, num_states, num_actions), dtype=policy.dtype)
+    surprise = np.zeros(num_actions, dtype=policy.dtype)
     total = np.zeros(num_tasks)
     for n in range(num_tasks):
         for s in range(num_states):
             if visits[n, s] > 0:
                 entropy = policy.dtype.type(0)
                 for a in range(num_actions):
-                    if policy[n, s, a] > 0:
-                        slope[n, s, a] = -policy[n, s, a] * np.log(policy[n, s, a])
-                        entropy += slope[n, s, a]
+                    p = policy[n, s, a]
+                    surprise[a] = -p * np.log(p) if p > 0 else 0 * p
+                    entropy += surprise[a]
                 for a in range(num_actions):
-                    slope[n, s, a] = visits[n, s] * (slope[n, s, a] - policy[n, s, a] * entropy)
+                    slope[0, s, a] += visits[n, s] * (surprise[a] - policy[n, s, a] * entropy)
                 total[n] += visits[n, s] * entropy
     return total, slope

@@ -107,8 +107,7 @@ def step_again(before: Policies, loss: Loss, network: Network, tasks: Tasks, hor
 
 def stepped(step: Step, step_sizes: Array) -> Array:
     """theta' [N, P], by step sizes alpha [P]."""
-    moved: Array = step_sizes * step.gradient
-    return np.subtract(step.before.theta, moved, out=moved)
+    return _less(np.atleast_2d(step.before.theta), step_sizes, step.gradient)
 
 
 def push(steps: Sequence[Step], direction: Array, step_sizes: Array, network: Network, tasks: Tasks) -> Array:
@@ -144,6 +143,18 @@ def pull(
         if order == 2:
             cotangent = cotangent - _hessian_times(step, moved, network, tasks, summed=summed)
     return cotangent, of_sizes
+
+
+@compiled
+def _less(theta: Array, step_sizes: Array, gradient: Array) -> Array:
+    """theta [1, P] or [N, P] less alpha times a gradient [N, P]."""
+    result = np.empty_like(gradient)
+    num_tasks, num_entries = gradient.shape
+    for n in range(num_tasks):
+        r = n if len(theta) > 1 else 0
+        for p in range(num_entries):
+            result[n, p] = theta[r, p] - step_sizes[p] * gradient[n, p]
+    return result
 
 
 @compiled
