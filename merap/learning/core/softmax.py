@@ -78,16 +78,12 @@ def through_softmax(policy: Array, gradient: Array) -> Array:
 @compiled
 def less_expected(policy: Array, weight: Array, scale: Array, gradient: Array) -> Array:
     """weight [N, S, A] less scale [N] times a gradient in pi, taken as one in the logits."""
-    result = np.empty_like(policy)
+    result = through_softmax(policy, gradient)
     num_tasks, num_states, num_actions = policy.shape
     for n in range(num_tasks):
         for s in range(num_states):
-            mean = policy.dtype.type(0)
             for a in range(num_actions):
-                mean += policy[n, s, a] * gradient[n, s, a]
-            for a in range(num_actions):
-                expected = policy[n, s, a] * (gradient[n, s, a] - mean)
-                result[n, s, a] = weight[n, s, a] - scale[n] * expected
+                result[n, s, a] = weight[n, s, a] - scale[n] * result[n, s, a]
     return result
 
 
