@@ -1,4 +1,4 @@
-"""`serve` and `manage` as a user calls them."""
+"""`serve`, and the loop on what it serves, as a user calls them."""
 
 from __future__ import annotations
 
@@ -40,28 +40,26 @@ def server() -> Iterator[tuple[subprocess.Popen[str], str]]:
     process.communicate()
 
 
-def test_a_run_manages_a_system_that_is_served(
+def test_the_loop_manages_a_system_that_is_served(
     server: tuple[subprocess.Popen[str], str], tmp_path: Path
 ) -> None:
     _, url = server
     run = trained(tmp_path / "run", TrainingConfig(updates=2, hidden=(4,), episodes=2), RUNNING)
-    report = tmp_path / "report.json"
-    done = merap("manage", run.path, url, "--strategy", "retrieval", "--episodes", 2, "--json", report)
+    scenario, report = tmp_path / "elsewhere.yaml", tmp_path / "report.json"
+    text = (RUNNING / "elsewhere.yaml").read_text().replace("episodes: 48", "episodes: 2")
+    scenario.write_text(text.replace("http://127.0.0.1:3000", url))
+    done = merap("run", run.path, "--scenario", scenario, "--json", report, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert [line.split(":")[0] for line in lines[:3]] == ["episode 1", "episode 2", "faults"]
-    found = json.loads(report.read_text())
-    assert len(found["returns"]) == 2
-    assert found["faults"] == {}
+    assert lines[-2].startswith("2 episodes returned ")
+    assert "was possible" not in lines[-2]
+    assert lines[-1].startswith("0 re-plannings, 2 policy updates, ")
+    assert len(json.loads(report.read_text())["episodes"]) == 2
     assert httpx.get(url + "/monitor", trust_env=False).json()["episode"] == 3
-    again = merap("manage", run.path, url, "--json", report)
-    assert again.returncode == 2
-    assert "exists already" in error_of(again)
-    gone = tmp_path / "gone.json"
-    nobody = merap("manage", run.path, f"http://127.0.0.1:{free_port()}", "--json", gone)
+    scenario.write_text(text.replace(":3000", f":{free_port()}"))
+    nobody = merap("run", run.path, "--scenario", scenario)
     assert nobody.returncode == 3
     assert error_of(nobody).startswith("error: refused: http://127.0.0.1:")
-    assert json.loads(gone.read_text())["ended_by"].startswith("refused: http://127.0.0.1:")
 
 
 def test_a_port_that_is_taken_is_one_clear_line(server: tuple[subprocess.Popen[str], str]) -> None:

@@ -40,14 +40,16 @@ def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: P
     assert kinds[:5] == [["update"], ["update"], ["update", "settled"], [], []]
     assert kinds[5][0] == "replan"
     assert logs[5].decisions[0].reasons == ("what happened was held impossible",)
-    truth = built.truths[1]
+    truth = built.system.truth
+    assert truth is not None
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
 def test_an_adapted_policy_is_optimal_before_the_change(run: RunFolder, tmp_path: Path) -> None:
     built = doubtful(run, scenario(tmp_path))
     logs = episodes(built, 5)
-    truth = built.truths[0]
+    truth = built.system.truth
+    assert truth is not None
     assert truth.value(built.parts.learner.policy().table) == pytest.approx(truth.reachable.optimum)
     last = [execution.observation for execution in logs[4].executions]
     # 8 steps at -0.5 and a stop that earns 10
@@ -94,7 +96,8 @@ def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path
     found = scenario(tmp_path, more=f"sensing: {sensing}\n".replace("strategy", text))
     built = build(run, found, "merap")
     episodes(built, 5)
-    truth = built.truths[0]
+    truth = built.system.truth
+    assert truth is not None
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
@@ -106,7 +109,7 @@ def test_a_shielded_run_never_visits_what_is_unsafe(tmp_path: Path) -> None:
     visits = {}
     for name, shield in (("without", ""), ("with", "shield: {threshold: 0}\n")):
         report = run_loop(run, scenario(tmp_path, text, shield))
-        visits[name] = sum(row.unsafe for row in report.rows)
+        visits[name] = report.as_dict()["summary"]["unsafe_visits"]
         assert sum(row.completed for row in report.rows) >= 4
     assert visits["with"] == 0
     assert visits["without"] > 0

@@ -22,7 +22,10 @@ from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
 
 MODELS = Path(__file__).parents[1] / "models"
-CASES = [MODELS / "running-example", MODELS / "hazard-grid", *sorted((MODELS / "paper-grid").glob("*.yaml"))]
+CASES = [
+    *(MODELS / name for name in ("running-example", "hazard-grid", "frozen-lake")),
+    *sorted((MODELS / "paper-grid").glob("*.yaml")),
+]
 DRAWN = 100
 
 

@@ -146,3 +146,28 @@ def test_what_is_no_snapshot_is_refused(case: CaseStudy, tmp_path: Path) -> None
     for snapshot in ({}, {"stage": 7, "episode": 0, "tally": {}}, {"stage": 0, "episode": 0, "tally": 1}):
         with pytest.raises(InputError, match="recorded state of the system"):
             system(case, tmp_path).restore(snapshot)
+
+
+def test_a_loop_numbers_its_episodes_though_a_reset_fails_or_is_repeated(
+    case: CaseStudy, tmp_path: Path
+) -> None:
+    """The reset of episode 1 never gets here, that of episode 2 twice: the second change is in force in 2."""
+    simulated = system(case, tmp_path)
+    simulated.begin(0)
+    simulated.reset()
+    simulated.step(RIGHT)
+    simulated.begin(1)
+    assert simulated.tally.steps == 0
+    simulated.begin(2)
+    simulated.reset()
+    assert (simulated.reset().last, simulated.episode, simulated.stage) == (False, 2, 2)
+
+
+def test_left_out_an_episode_begins_as_the_system_says(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text("scenario: lasting\nsystem: {objective: {goal: [0, 2]}, reset: none}\nepisodes: 2\n")
+    read = read_scenario(path)
+    found = truths(read.stages(load_case(GRID)), 0.0)
+    lasting = ScenarioSystem(found, read.spec.noise, read.spec.reset, np.random.default_rng(0))
+    played(lasting, [RIGHT, RIGHT, STOP])
+    assert lasting.reset().valuation[:2].tolist() == [0, 2]

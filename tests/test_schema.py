@@ -18,6 +18,7 @@ MODELS = Path(__file__).parent.parent / "models"
 SHIPPED = [
     MODELS / "running-example" / "case.yaml",
     MODELS / "hazard-grid" / "case.yaml",
+    MODELS / "frozen-lake" / "case.yaml",
     *sorted((MODELS / "paper-grid").glob("*.yaml")),
 ]
 

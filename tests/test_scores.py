@@ -103,6 +103,7 @@ def test_the_summary_counts() -> None:
         "policy_updates": 1,
         "fallbacks": 2,
         "problems": 4,
+        "faults": {},
         "changes": 2,
         "changes_recovered_from": 1,
         "mean_episodes_to_recover": 3.0,

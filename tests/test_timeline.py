@@ -71,3 +71,13 @@ def test_a_quiet_run_has_no_marks() -> None:
 
 def test_the_same_run_is_the_same_picture() -> None:
     assert figure_bytes(draw_timeline(REPORT), ".svg") == figure_bytes(draw_timeline(REPORT), ".svg")
+
+
+def test_what_nobody_knows_is_not_drawn() -> None:
+    rows = tuple(
+        replace(one, optimum=None, discounted_optimum=None, expected=None, unsafe=None) for one in ROWS[:2]
+    )
+    (drawn,) = draw_timeline(replace(REPORT, rows=rows, reactions=())).axes
+    assert line(drawn, "return") == ([0, 1], [5, 6])
+    assert {one.get_gid() for one in drawn.get_lines()} == {"return"}
+    assert not any(isinstance(patch, StepPatch) for patch in drawn.patches)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -50,7 +51,7 @@ def run(
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
-    """Control a system that changes: monitor, analyse, plan, execute, learn."""
+    """Control a system, simulated or real, that may change: monitor, analyse, plan, execute, learn."""
     from merap.learning.run_folder import read_run
     from merap.online.knowledge.base import open_knowledge
     from merap.online.knowledge.engine import default_url
@@ -81,6 +82,8 @@ def run(
         _write(report, out, force=force)
     if str(json) != "-":
         _show(report)
+    if report.ended_by is not None:
+        raise report.ended_by
 
 
 def _require_free(folder: Path, *, force: bool) -> None:
@@ -116,17 +119,35 @@ def _show(report: LoopReport) -> None:
     if rows:
         table(columns, rows)
     found = report.as_dict()["summary"]
+    say(
+        f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average"
+        f"{_possible(found)}; {found['completed']} completed{_unsafe(found)}"
+    )
+    faults = ", ".join(f"{count} {kind}" for kind, count in found["faults"].items())
+    told = f"; faults: {faults}" if faults else ""
+    recovered = (
+        f"; recovered from {found['changes_recovered_from']} of {found['changes']} changes"
+        if found["mean_optimum"] is not None
+        else ""
+    )
+    say(
+        f"{found['adaptations']} re-plannings, {found['policy_updates']} policy updates, "
+        f"{found['fallbacks']} fallbacks{recovered}{told}"
+    )
+
+
+def _possible(found: Mapping[str, Any]) -> str:
+    """What could have been earned, if it is known what was there."""
+    if found["mean_optimum"] is None:
+        return ""
     safe = found["mean_safe_optimum"]
     within = "" if safe is None else f", {number(safe, 4)} within the shield's threshold"
-    say(
-        f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average, "
-        f"{number(found['mean_optimum'], 4)} was possible{within}; {found['completed']} completed, "
-        f"{found['unsafe_visits']} unsafe visits"
-    )
-    say(
-        f"{found['adaptations']} re-plannings, {found['policy_updates']} policy updates; recovered from "
-        f"{found['changes_recovered_from']} of {found['changes']} changes"
-    )
+    return f", {number(found['mean_optimum'], 4)} was possible{within}"
+
+
+def _unsafe(found: Mapping[str, Any]) -> str:
+    visits = found["unsafe_visits"]
+    return "" if visits is None else f", {visits} unsafe visits"
 
 
 def _whole(value: int | None) -> str:

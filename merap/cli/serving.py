@@ -1,4 +1,4 @@
-"""`serve` and `manage`: a simulated system for another manager, and a manager for a system elsewhere."""
+"""`serve`: a simulated system for another manager."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from typing import Annotated
 import typer
 
 from merap.cli import options
-from merap.cli.output import require_free_report, say, warn, write_json
+from merap.cli.output import say, warn
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
-    """Add these verbs."""
+    """Add this verb."""
     app.command()(serve)
-    app.command()(manage)
 
 
 def serve(
@@ -89,51 +88,6 @@ def serve(
         with suppress(KeyboardInterrupt):  # not raised where a shell has it ignored: in the background
             server(served).run(sockets=[listener])
         say("ended")
-
-
-def manage(
-    run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
-    url: Annotated[str, typer.Argument(help="Of a system that `merap serve` offers.", show_default=False)],
-    strategy: Annotated[str, typer.Option(help="As of `merap adapt`.")] = "belief",
-    episodes: Annotated[int, typer.Option(min=1, help="Real episodes.")] = 10,
-    episodes_per_step: Annotated[int, typer.Option(min=1, help="Real episodes of a gradient step.")] = 35,
-    seed: options.Seed = 0,
-    timeout: Annotated[float, typer.Option(metavar="S", help="Seconds for a request.")] = 5.0,
-    retries: Annotated[int, typer.Option(min=0, help="Of a request that fails.")] = 3,
-    deadline: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds for a decision; needs --fallback.")
-    ] = None,
-    fallback: Annotated[
-        str | None, typer.Option(help="A safe action, taken when the system or a decision is late.")
-    ] = None,
-    json: options.Json = None,
-    force: options.Force = False,
-) -> None:
-    """Adapt to a system behind HTTP, whose true model nobody knows, and report what is earned."""
-    from merap.learning.run_folder import read_run
-    from merap.online.managed import managing
-
-    require_free_report(json, force=force)
-    _log_to_standard_error()
-    quiet = str(json) == "-"
-    found = managing.manage(
-        read_run(run),
-        url,
-        strategy=strategy,
-        episodes=episodes,
-        episodes_per_step=episodes_per_step,
-        seed=seed,
-        patience=managing.Patience(timeout, retries, deadline, fallback),
-        on_episode=lambda number, earned: None if quiet else say(f"episode {number}: return {earned:.4g}"),
-    )
-    write_json(json, found.as_dict(), force=force)
-    if not quiet:
-        faults = ", ".join(f"{count} {kind}" for kind, count in found.faults.items()) or "none"
-        say(f"faults: {faults}; late decisions: {found.late}")
-        for line in found.explanation:
-            say(line)
-    if found.ended_by is not None:
-        raise found.ended_by
 
 
 def _log_to_standard_error() -> None:

@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from merap.mdp.model import Floats
 from merap.online.loop.records import EpisodeRow
 from merap.online.loop.scores import LoopReport, Reaction
 from merap.report.style import (
@@ -80,24 +81,34 @@ def _draw_phases(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
 def _draw_values(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
     episodes = np.array([row.episode for row in rows])
     edges = np.append(episodes - 0.5, episodes[-1] + 0.5)
-    optimum = [row.optimum for row in rows]
-    axes.stairs(
-        optimum, edges, baseline=None, color=INK, linestyle="dashed", linewidth=1.2,
-        label="optimum in force", gid="optimum",
-    )  # fmt: skip
-    if any(row.safe_optimum is not None for row in rows):
-        axes.stairs(
-            [row.possible for row in rows], edges, baseline=None, color=INK, linestyle="dotted",
-            linewidth=1.2, label="optimum within the shield's threshold", gid="safe_optimum",
-        )  # fmt: skip
-    axes.plot(
-        episodes, [row.expected for row in rows], color=GREEN, linewidth=1.4, linestyle=(0, (1, 0.9)),
-        label="expected return of the policy", gid="expected",
-    )  # fmt: skip
+    if any(row.optimum is not None for row in rows):
+        _draw_known(axes, rows, edges)
     axes.plot(
         episodes, [row.earned for row in rows], color=BLUE, linewidth=0.9, marker="o", markersize=3.5,
         label="return", gid="return",
     )  # fmt: skip
+
+
+def _draw_known(axes: Axes, rows: Sequence[EpisodeRow], edges: Floats) -> None:
+    """What is possible and what the policy is worth, where it is known what is there."""
+    axes.stairs(
+        _values([row.optimum for row in rows]), edges, baseline=None, color=INK, linestyle="dashed",
+        linewidth=1.2, label="optimum in force", gid="optimum",
+    )  # fmt: skip
+    if any(row.safe_optimum is not None for row in rows):
+        axes.stairs(
+            _values([row.possible for row in rows]), edges, baseline=None, color=INK, linestyle="dotted",
+            linewidth=1.2, label="optimum within the shield's threshold", gid="safe_optimum",
+        )  # fmt: skip
+    axes.plot(
+        [row.episode for row in rows], _values([row.expected for row in rows]), color=GREEN,
+        linewidth=1.4, linestyle=(0, (1, 0.9)), label="expected return of the policy", gid="expected",
+    )  # fmt: skip
+
+
+def _values(values: Sequence[float | None]) -> Floats:
+    """float64 [E]; what is not known is not drawn."""
+    return np.array(values, dtype=np.float64)
 
 
 def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
@@ -105,10 +116,15 @@ def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
     kinds = (
         ("re-planning", "^", VERMILLION, [row.episode for row in rows if row.replans]),
         ("unsafe visit", "x", PURPLE, [row.episode for row in rows if row.unsafe]),
-        ("fault or fallback", "s", ORANGE, [row.episode for row in rows if row.problems or row.fallbacks]),
+        (
+            "fault or fallback",
+            "s",
+            ORANGE,
+            [row.episode for row in rows if row.problems or row.fallbacks or row.faults],
+        ),
     )
-    low = min(min(row.earned, row.expected) for row in rows)
-    high = max(row.optimum for row in rows)
+    drawn = [value for row in rows for value in (row.earned, row.expected, row.optimum) if value is not None]
+    low, high = min(drawn), max(drawn)
     line = 0.07 * max(high - low, 1e-9)
     for label, marker, colour, episodes in kinds:
         if episodes:

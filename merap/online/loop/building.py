@@ -7,15 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from merap.concerns.case_study import CaseStudy
 from merap.learning.run_folder import RunFolder
 from merap.online.belief.space import HypothesisSpace
 from merap.online.loop.analyzer import Analyzer
+from merap.online.loop.connecting import live_horizon
 from merap.online.loop.executor import Executor
 from merap.online.loop.extension import Extender
 from merap.online.loop.learner import Learner
+from merap.online.loop.live_system import Disconnected, LiveSystem
 from merap.online.loop.loop import Parts
 from merap.online.loop.managers import make_manager
 from merap.online.loop.memory import NOTHING, Past
+from merap.online.loop.met import MetSystem
 from merap.online.loop.monitor import Monitor
 from merap.online.loop.planner import Planner
 from merap.online.loop.protection import Protection
@@ -24,8 +28,9 @@ from merap.online.loop.scenario import Scenario
 from merap.online.loop.scenario_schema import ScenarioSpec
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
-from merap.online.loop.truth import Truth, truths
+from merap.online.loop.truth import truths
 from merap.online.managed.deadline import Punctual
+from merap.online.managed.guarded import Retries
 from merap.online.shield.shielded_strategy import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem
@@ -40,28 +45,31 @@ class Built:
     Attributes:
         parts: of the loop.
         system: that is controlled.
-        truths: what is really there, stage by stage.
         protection: by a shield; None: there is none.
         adapts: whether the policy is adapted before it is carried out.
     """
 
     parts: Parts
-    system: ScenarioSystem
-    truths: tuple[Truth, ...]
+    system: MetSystem
     protection: Protection | None
     adapts: bool
 
 
-Guard = Callable[[ManagedSystem], ManagedSystem]
+Guard = Callable[[MetSystem], ManagedSystem]
 
 
-def unguarded(system: ManagedSystem) -> ManagedSystem:
+def unguarded(system: MetSystem) -> ManagedSystem:
     """The system as it is."""
     return system
 
 
 def build(
-    run: RunFolder, scenario: Scenario, manager: str, past: Past = NOTHING, guard: Guard = unguarded
+    run: RunFolder,
+    scenario: Scenario,
+    manager: str,
+    past: Past = NOTHING,
+    guard: Guard = unguarded,
+    live: ManagedSystem | None = None,
 ) -> Built:
     """A loop before its first episode.
 
@@ -71,17 +79,18 @@ def build(
         manager: one of `managers.MANAGERS`.
         past: episodes that are repeated from records before the system is used.
         guard: what stands between the loop and the system.
+        live: the system of a scenario that does not simulate it, see `connecting.connected`; None: it is not
+            connected, so that nothing but the past can be repeated.
 
     Raises:
         InputError: the scenario does not fit the case, or a name is unknown.
     """
     spec, case = scenario.spec, run.case
     fallback = scenario.action(case)
-    threshold = None if spec.shield is None else spec.shield.threshold
-    stages = truths(scenario.stages(case), spec.noise.slip, threshold)
-    horizon = stages[0].stage.system.objective.horizon
     drawn = np.random.default_rng(spec.seed).spawn(4)
     of_system, of_sensors, of_learner, of_planner = drawn
+    system = _met(scenario, case, live, of_system)
+    horizon = system.horizon
     context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step)
     chosen = make_manager(manager, spec.strategy, context)
     restart = spec.strategy.replan_from == "meta"
@@ -91,7 +100,6 @@ def build(
     readings = settings if isinstance(settings, ChangeSettings) else None
     analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
     protection = _protection(scenario, context.hypotheses, horizon)
-    system = ScenarioSystem(stages, spec.noise, spec.reset, of_system)
     punctual: Punctual[int] = Punctual(spec.deadline.seconds)
     late = frozenset((one.row.episode, step) for one in past.episodes for step in one.late)
     parts = Parts(
@@ -103,7 +111,20 @@ def build(
         punctual=punctual,
         extender=_extender(spec, manager, context) if chosen.replans else None,
     )
-    return Built(parts, system, stages, protection, chosen.updates != 0)
+    return Built(parts, system, protection, chosen.updates != 0)
+
+
+def _met(
+    scenario: Scenario, case: CaseStudy, live: ManagedSystem | None, generator: np.random.Generator
+) -> MetSystem:
+    spec = scenario.spec
+    if spec.live is not None:
+        there = live or Disconnected(case.actions)
+        horizon = live_horizon(spec.live, case)
+        return LiveSystem(there, horizon, case.discount, Retries(spec.live.retries))
+    threshold = None if spec.shield is None else spec.shield.threshold
+    stages = truths(scenario.stages(case), spec.noise.slip, threshold)
+    return ScenarioSystem(stages, spec.noise, spec.reset, generator)
 
 
 def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> Extender | None:

@@ -26,6 +26,7 @@ from merap.online.knowledge.rows import DecisionRow, Level, ObservationRow
 from merap.online.logs import EventLog, JsonLines
 from merap.online.loop.messages import Execution
 from merap.online.loop.records import EpisodeLog, EpisodeRow
+from merap.online.managed.faults import SystemFault
 
 EPISODE = "episode"
 FALLBACK = "fallback"
@@ -87,8 +88,8 @@ class Memory:
         self._run = run
         self._log = EventLog(lines, knowledge, run)
 
-    def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any]) -> None:
-        """Keep an episode and the state of the system after it, or nothing of it."""
+    def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any] | None) -> None:
+        """Keep an episode and the state of the system after it, if it has one, or nothing of it."""
         knowledge, run = self._knowledge, self._run
         with knowledge.transaction():
             knowledge.record_observations(run, observation_rows(log))
@@ -116,6 +117,10 @@ class Memory:
         if self._knowledge.run(self._run).finished is None:
             self._knowledge.finish_run(self._run, report)
 
+    def given_up(self, fault: SystemFault) -> None:
+        """The run has ended before its last episode, and can be gone on with."""
+        self._log.event("executor", "error", str(fault))
+
     def _tell(self, log: EpisodeLog, row: EpisodeRow) -> None:
         """The log: what went wrong, what was decided, how the episode ended."""
         for problem in log.problems:
@@ -124,7 +129,11 @@ class Memory:
             if decision.kind in _TOLD:
                 message = f"{decision.kind}: {'; '.join(decision.reasons)}"
                 self._event(*_TOLD[decision.kind], message, log.episode, decision.step)
-        message = f"episode {row.episode} returned {row.earned:.4g} of {row.possible:.4g}"
+        if row.faults:
+            faults = ", ".join(f"{count} {kind}" for kind, count in row.faults.items())
+            self._event("executor", "warning", f"faults of the system: {faults}", log.episode, row.steps)
+        of = "" if row.possible is None else f" of {row.possible:.4g}"
+        message = f"episode {row.episode} returned {row.earned:.4g}{of}"
         self._event("monitor", "info", message, log.episode, row.steps)
 
     def _event(self, component: str, level: Level, message: str, episode: int, step: int) -> None:

@@ -5,6 +5,7 @@ Axes: A declared actions.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -78,6 +79,9 @@ class EpisodeLog:
 class EpisodeRow:
     """An episode as the report shows it; what is really there comes from the scenario.
 
+    Of a system that is not simulated nobody knows what is there: optima, `expected`, `entered` and `unsafe`
+    are None, and returns are as they were received.
+
     Attributes:
         episode: counted from 0.
         stage: in force when it ended.
@@ -94,9 +98,10 @@ class EpisodeRow:
         replans: how often adaptation began anew.
         updates: of the policy.
         fallbacks: actions in place of plans that were late or could not be made.
-        problems: faults of the system.
+        problems: faults of the system that no retry has mended, and observations that make no sense.
         safe_optimum: as `optimum`, of the best policy within the shield's threshold; None: there is no
             shield.
+        faults: kind -> how many calls to the system failed, those that a retry has mended among them.
     """
 
     episode: int
@@ -105,19 +110,20 @@ class EpisodeRow:
     steps: int
     earned: float
     discounted: float
-    optimum: float
-    discounted_optimum: float
-    expected: float
+    optimum: float | None
+    discounted_optimum: float | None
+    expected: float | None
     entered: float | None
-    unsafe: int
+    unsafe: int | None
     completed: bool
     replans: int
     updates: int
     fallbacks: int
     problems: int
     safe_optimum: float | None = None
+    faults: Mapping[str, int] = field(default_factory=dict)
 
     @property
-    def possible(self) -> float:
+    def possible(self) -> float | None:
         """The optimum that the loop is held to."""
         return self.optimum if self.safe_optimum is None else self.safe_optimum

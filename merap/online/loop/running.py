@@ -12,14 +12,18 @@ from merap.learning.threads import one_thread
 from merap.online.knowledge.base import KnowledgeBase
 from merap.online.logs import JsonLines
 from merap.online.loop.building import Built, Guard, build, unguarded
+from merap.online.loop.connecting import connected
 from merap.online.loop.loop import Loop
 from merap.online.loop.managers import MERAP
 from merap.online.loop.memory import NOTHING, Memory, Past, Recorded, recall
 from merap.online.loop.records import EpisodeLog, EpisodeRow
 from merap.online.loop.scenario import Scenario
 from merap.online.loop.scores import LoopReport, reactions
+from merap.online.managed.faults import SystemFault
 
 OnEpisode = Callable[[EpisodeRow], None]
+# A run ends when so many episodes in a row could not even begin.
+GONE = 3
 
 
 def run_loop(
@@ -33,7 +37,9 @@ def run_loop(
     guard: Guard = unguarded,
     on_episode: OnEpisode = lambda row: None,
 ) -> LoopReport:
-    """Control a simulated system through a scenario.
+    """Control the system of a scenario.
+
+    A system that is not simulated may be gone for a while: then the run ends early, and `resume` goes on.
 
     Args:
         run: a finished training run.
@@ -49,6 +55,7 @@ def run_loop(
     Raises:
         InputError: the scenario does not fit the case, a name is unknown, or there is no such run
             to go on with.
+        SystemFault: the system can't be reached, before any episode.
     """
     number, past = None, NOTHING
     if resume:
@@ -56,30 +63,45 @@ def run_loop(
             raise InputError("there is no knowledge base to go on from")
         number = _last_run(run, scenario, manager, knowledge)
         past = recall(knowledge, number)
-    built = build(run, scenario, manager, past, guard)
-    memory = None
-    if knowledge is not None:
-        number = _begun(run, scenario, manager, knowledge) if number is None else number
-        memory = Memory(knowledge, number, lines)
-    seconds, rows = [], []
-    with one_thread():
-        for row, taken in _course(built, scenario.spec.episodes, past, memory):
-            rows.append(row)
-            seconds.append(taken)
-            on_episode(row)
+    with connected(scenario, run.case, len(past.episodes)) as live:
+        built = build(run, scenario, manager, past, guard, live)
+        memory = None
+        if knowledge is not None:
+            number = _begun(run, scenario, manager, knowledge) if number is None else number
+            memory = Memory(knowledge, number, lines)
+        rows, seconds, ended_by = _rows(built, scenario.spec.episodes, past, memory, on_episode)
     report = LoopReport(
         scenario=scenario.spec.scenario,
         manager=manager,
         case=run.case.name,
         seed=scenario.spec.seed,
-        rows=tuple(rows),
-        reactions=reactions(rows, [truth.stage for truth in built.truths]),
+        rows=rows,
+        reactions=reactions(rows, built.system.stages),
         shield=None if built.protection is None else built.protection.as_dict(),
-        seconds=tuple(seconds),
+        seconds=seconds,
+        ended_by=ended_by,
     )
-    if memory is not None:
+    if memory is not None and ended_by is None:
         memory.finish(report.as_dict())
+    elif memory is not None and ended_by is not None:
+        memory.given_up(ended_by)
     return report
+
+
+def _rows(
+    built: Built, episodes: int, past: Past, memory: Memory | None, on_episode: OnEpisode
+) -> tuple[tuple[EpisodeRow, ...], tuple[float, ...], SystemFault | None]:
+    """All episodes, their seconds of wall time, and why there are no more of them."""
+    rows, seconds = [], []
+    try:
+        with one_thread():
+            for row, taken in _course(built, episodes, past, memory):
+                rows.append(row)
+                seconds.append(taken)
+                on_episode(row)
+    except SystemFault as fault:
+        return tuple(rows), tuple(seconds), fault
+    return tuple(rows), tuple(seconds), None
 
 
 def _named(scenario: Scenario, manager: str) -> tuple[str, dict[str, Any]]:
@@ -126,11 +148,18 @@ def _course(
     built.parts.punctual.patient = False
     if past.system is not None:
         built.system.restore(past.system)
-    for _ in range(len(past.episodes), episodes):
+    gone = 0
+    for number in range(len(past.episodes), episodes):
+        built.system.begin(number)
         row, log = _episode(built, loop)
         if memory is not None:
             memory.commit(log, row, built.system.snapshot())
         yield row, log.seconds
+        begun = log.executions[0]
+        gone = gone + 1 if begun.observation is None else 0
+        if gone == GONE:
+            message = f"none of the last {gone} episodes could begin, and no other is tried: {begun.fault}"
+            raise SystemFault("gone", message, repeatable=False)
 
 
 def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
@@ -149,21 +178,22 @@ def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
 
 
 def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
-    before, stage = loop.table, built.system.stage
+    system = built.system
+    before, stage = loop.table, system.stage
     log = loop.episode()
-    truth, tally = built.truths[built.system.stage], built.system.tally
-    entered = None if built.system.stage == stage else truth.value(before)
+    truth, tally = system.truth, system.tally
+    entered = None if truth is None or system.stage == stage else truth.value(before)
     return (
         EpisodeRow(
             episode=log.episode,
-            stage=built.system.stage,
+            stage=system.stage,
             phase=log.phase,
             steps=tally.steps,
             earned=tally.earned,
             discounted=tally.discounted,
-            optimum=truth.reachable.optimum,
-            discounted_optimum=truth.discounted_optimum,
-            expected=truth.value(loop.table),
+            optimum=None if truth is None else truth.reachable.optimum,
+            discounted_optimum=None if truth is None else truth.discounted_optimum,
+            expected=None if truth is None else truth.value(loop.table),
             entered=entered,
             unsafe=tally.unsafe,
             completed=tally.completed,
@@ -171,7 +201,8 @@ def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
             updates=log.count("update"),
             fallbacks=log.count("fallback"),
             problems=len(log.problems),
-            safe_optimum=truth.safe_optimum,
+            safe_optimum=None if truth is None else truth.safe_optimum,
+            faults=tally.faults,
         ),
         log,
     )

@@ -15,7 +15,7 @@ from merap.concerns.schema import SystemSpec
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
-from merap.online.loop.scenario_schema import CONCERNS, ChangeSpec, ScenarioSpec
+from merap.online.loop.scenario_schema import CONCERNS, ChangeSpec, LiveSpec, ScenarioSpec
 
 
 @dataclass(frozen=True, order=True)
@@ -61,8 +61,8 @@ class Scenario:
         """The systems that are in force, in order.
 
         Raises:
-            InputError: the case has no such configuration, or a system is impossible; names
-                the place in the scenario.
+            InputError: the case has no such configuration, a system is impossible, or it is not simulated;
+                names the place in the scenario.
         """
         spec = self._first(case)
         stages = [Stage(Moment(0), (), self._read(case, spec, 0, ("system",)))]
@@ -81,6 +81,8 @@ class Scenario:
 
     def _first(self, case: CaseStudy) -> SystemSpec:
         given = self.spec.system
+        if isinstance(given, LiveSpec):
+            raise self.document.error(("system",), "the system is not simulated; expected one of the case")
         if isinstance(given, SystemSpec):
             return given
         declared = case.read_system.spec.online

@@ -40,7 +40,12 @@ class ChangeSpec(Spec):
 class NoiseSpec(Spec):
     """What makes the system worse than its model."""
 
-    reward: float = Field(default=0.0, ge=0, description="standard deviation of Gaussian noise on rewards")
+    reward: float = Field(
+        default=0.0,
+        ge=0,
+        description="standard deviation of Gaussian noise on rewards; of a system that is not simulated: "
+        "what it is known to have",
+    )
     slip: float = Field(default=0.0, ge=0, lt=1, description="probability that an action does nothing")
 
 
@@ -105,16 +110,47 @@ class DeadlineSpec(Spec):
     )
 
 
+class LiveSpec(Spec):
+    """A system that is not simulated."""
+
+    horizon: int | None = Field(
+        default=None, ge=1, le=MAX_HORIZON, description="steps of an episode; left out: as the objectives say"
+    )
+    retries: int = Field(default=3, ge=0, le=100, description="of a call that fails")
+
+
+class HttpSpec(LiveSpec):
+    """A system that `merap serve` offers, here or elsewhere."""
+
+    url: str = Field(description="where it is, as http://localhost:3000")
+    timeout: float = Field(default=5.0, gt=0, description="seconds for a request")
+
+
+class GymnasiumSpec(LiveSpec):
+    """A Gymnasium environment with the actions and the variables of the case."""
+
+    gymnasium: str = Field(description="id of the environment")
+    arguments: dict[str, Any] = Field(default={}, description="of gymnasium.make")
+
+
 def _system_kind(value: Any) -> str | None:
-    return "<name>" if isinstance(value, str) else "<system>" if isinstance(value, Mapping) else None
+    if isinstance(value, str):
+        return "<name>"
+    if not isinstance(value, Mapping):
+        return None
+    return "<http>" if "url" in value else "<gymnasium>" if "gymnasium" in value else "<system>"
 
 
 System = Annotated[
-    Annotated[str, Tag("<name>")] | Annotated[SystemSpec, Tag("<system>")],
+    Annotated[str, Tag("<name>")]
+    | Annotated[SystemSpec, Tag("<system>")]
+    | Annotated[HttpSpec, Tag("<http>")]
+    | Annotated[GymnasiumSpec, Tag("<gymnasium>")],
     Discriminator(
         _system_kind,
         custom_error_type="merap",
-        custom_error_message="expected the name of a system, or a mapping with its configurations",
+        custom_error_message="expected the name of a system, or a mapping with its configurations, "
+        "with a url, or with the id of a gymnasium environment",
     ),
 ]
 
@@ -123,20 +159,42 @@ class ScenarioSpec(Spec):
     """What a loop meets: a system, and what changes when."""
 
     scenario: Name = Field(description="the name of the scenario")
-    system: System = Field(description="what is met first: a system of the case, or its configurations")
+    system: System = Field(
+        description="what is met first: a system of the case, or its configurations, to be simulated; "
+        "or one that is there: by url, or as a gymnasium environment"
+    )
     episodes: int = Field(ge=1, le=MAX_EPISODES, description="how many")
     seed: int = Field(default=0, ge=0, le=MAX_SEED, description="of everything random")
     changes: tuple[ChangeSpec, ...] = Field(default=(), description="in the order of their moments")
     noise: NoiseSpec = Field(default=NoiseSpec(), description="on rewards and actions")
     sensing: SensingSpec = Field(default=SensingSpec(), description="delayed and lost observations")
-    reset: Literal["episodes", "return_to_start", "none"] = Field(
-        default="episodes", description="how an episode begins"
+    reset: Literal["episodes", "return_to_start", "none"] | None = Field(
+        default=None, description="how an episode begins; left out: as the system says"
     )
     strategy: StrategySpec = Field(default=StrategySpec(), description="of the learner")
     learning: LearningSpec = Field(default=LearningSpec(), description="of the learner, offline")
     trigger: TriggerSpec = Field(default=TriggerSpec(), description="of the analyzer")
     shield: ShieldSpec | None = Field(default=None, description="left out: none")
     deadline: DeadlineSpec = Field(default=DeadlineSpec(), description="of a decision")
+
+    @property
+    def live(self) -> LiveSpec | None:
+        """The system, if it is not simulated."""
+        return self.system if isinstance(self.system, LiveSpec) else None
+
+    @model_validator(mode="after")
+    def _live_as_it_is(self) -> ScenarioSpec:
+        """What only a simulation can do is not asked of another system."""
+        if self.live is None:
+            return self
+        for path, asked in (
+            (("changes",), bool(self.changes)),
+            (("noise", "slip"), self.noise.slip > 0),
+            (("reset",), self.reset is not None),
+        ):
+            if asked:
+                raise wrong("the system is not simulated: this is up to itself; leave it out", path)
+        return self
 
     @model_validator(mode="after")
     def _in_order(self) -> ScenarioSpec:

@@ -3,40 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
-from merap.online.loop.scenario import Moment
+from merap.online.loop.met import Tally
+from merap.online.loop.scenario import Moment, Stage
 from merap.online.loop.scenario_schema import NoiseSpec
 from merap.online.loop.truth import Truth
 from merap.online.systems import Observation, SimulatedSystem
 
 
-@dataclass(frozen=True)
-class Tally:
-    """What an episode has really brought, before any noise.
-
-    Attributes:
-        steps: taken.
-        earned: the undiscounted return.
-        discounted: the discounted one.
-        unsafe: steps that led into an unsafe state.
-        completed: the task is complete.
-    """
-
-    steps: int = 0
-    earned: float = 0.0
-    discounted: float = 0.0
-    unsafe: int = 0
-    completed: bool = False
-
-
 class ScenarioSystem:
-    """A managed system whose true model is another at each stage; see `systems.ManagedSystem`.
+    """A simulated system whose true model is another at each stage; see `met.MetSystem`.
 
     A change takes effect when its moment has come and the system is not where the change closes
     the way: until then it waits.
@@ -44,16 +26,21 @@ class ScenarioSystem:
     Args:
         truths: the stages.
         noise: on rewards and actions.
-        reset: how an episode begins.
+        reset: how an episode begins; None: as the first system says.
         generator: of all draws.
     """
 
     def __init__(
-        self, truths: Sequence[Truth], noise: NoiseSpec, reset: ResetMode, generator: np.random.Generator
+        self,
+        truths: Sequence[Truth],
+        noise: NoiseSpec,
+        reset: ResetMode | None,
+        generator: np.random.Generator,
     ) -> None:
         self._truths = truths
         of_system, generator = generator.spawn(2)
         system = truths[0].stage.system
+        reset = reset or system.reset
         self._system = SimulatedSystem(
             system, system.objective.horizon, of_system, slip=noise.slip, detect=True, reset=reset
         )
@@ -62,12 +49,23 @@ class ScenarioSystem:
         self._generator = generator
         self._number = 0
         self._episode = -1
+        self._numbered = False
         self.tally = Tally()
 
     @property
     def actions(self) -> tuple[str, ...]:
         """A names."""
         return self._system.actions
+
+    @property
+    def horizon(self) -> int:
+        """Steps of an episode."""
+        return self._truths[0].stage.system.objective.horizon
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """What is there, one after the other."""
+        return tuple(truth.stage for truth in self._truths)
 
     @property
     def stage(self) -> int:
@@ -84,13 +82,22 @@ class ScenarioSystem:
         """What is really there now."""
         return self._truths[self._number]
 
+    def begin(self, episode: int) -> None:
+        """The episode with this number begins, whether or not its reset gets here, and how often.
+
+        Where nobody numbers them, every reset begins the next one.
+        """
+        self._episode, self._numbered = episode, True
+        self.tally = Tally()
+
     def reset(self) -> Observation:
         """Begin an episode.
 
         Raises:
             InputError: none can begin where the system is.
         """
-        self._episode += 1
+        if not self._numbered:
+            self._episode += 1
         self.tally = Tally()
         self._switch(goes_to_start=self._goes_to_start)
         return self._system.reset()
@@ -115,7 +122,7 @@ class ScenarioSystem:
             steps=before.steps + 1,
             earned=before.earned + observation.reward,
             discounted=before.discounted + discount**before.steps * observation.reward,
-            unsafe=before.unsafe + int(self.truth.unsafe[self._system.standing]),
+            unsafe=(before.unsafe or 0) + int(self.truth.unsafe[self._system.standing]),
             completed=observation.continuation == 0,
         )
 

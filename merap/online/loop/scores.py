@@ -5,15 +5,19 @@ Axes: E episodes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from merap.online.curve import Range, lasting
 from merap.online.loop.records import EpisodeRow
 from merap.online.loop.scenario import Stage
+from merap.online.managed.faults import SystemFault
+
+Number = TypeVar("Number", int, float)
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,7 @@ class LoopReport:
         reactions: one for each change that took effect.
         shield: what the shield has done; None: there is none.
         seconds: float [E], wall time of each episode; it never repeats.
+        ended_by: the fault that ended it before its last episode; None: there was none.
     """
 
     scenario: str
@@ -66,6 +71,7 @@ class LoopReport:
     reactions: tuple[Reaction, ...]
     shield: Mapping[str, Any] | None
     seconds: tuple[float, ...] = field(repr=False)
+    ended_by: SystemFault | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; all that depends on the clock is under `times`."""
@@ -78,6 +84,7 @@ class LoopReport:
             "reactions": [asdict(reaction) for reaction in self.reactions],
             "episodes": [asdict(row) for row in self.rows],
             "shield": self.shield,
+            "ended_by": None if self.ended_by is None else str(self.ended_by),
             "times": {
                 "seconds_per_episode": list(self.seconds),
                 "seconds_to_recover": [self.seconds_to_recover(reaction) for reaction in self.reactions],
@@ -108,9 +115,10 @@ def reactions(rows: Sequence[EpisodeRow], stages: Sequence[Stage]) -> tuple[Reac
 
 def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
     first = rows[0]
-    assert first.entered is not None
-    reachable = Range(first.possible, -np.inf)
-    values = [first.entered, *(row.expected for row in rows)]
+    possible = first.possible
+    assert possible is not None
+    reachable = Range(possible, -np.inf)
+    values = _known([first.entered, *(row.expected for row in rows)])
     recovered = lasting([reachable.within_5_percent(value) for value in values])
     until = rows if recovered is None else rows[:recovered]
     return Reaction(
@@ -119,32 +127,38 @@ def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
         replanned=next((row.episode for row in rows if row.replans), None),
         episodes=recovered,
         steps=None if recovered is None else sum(row.steps for row in until),
-        lost=float(sum(row.possible - row.earned for row in until)),
+        lost=float(sum(possible - row.earned for row in until)),
     )
 
 
 def summary(rows: Sequence[EpisodeRow], reacted: Sequence[Reaction]) -> dict[str, Any]:
-    """Figures over all episodes; means of reactions are of those that there were."""
+    """Figures over all episodes; means of reactions are of those that there were; None: nobody knows."""
     episodes = [reaction.episodes for reaction in reacted if reaction.episodes is not None]
-    safe = [row.safe_optimum for row in rows if row.safe_optimum is not None]
+    optima = _known([row.optimum for row in rows])
+    unsafe = _known([row.unsafe for row in rows])
     return {
         "episodes": len(rows),
         "mean_return": _mean([row.earned for row in rows]),
         "mean_discounted_return": _mean([row.discounted for row in rows]),
-        "mean_optimum": _mean([row.optimum for row in rows]),
-        "mean_safe_optimum": _mean(safe),
-        "regret": float(sum(row.optimum - row.earned for row in rows)),
+        "mean_optimum": _mean(optima),
+        "mean_safe_optimum": _mean(_known([row.safe_optimum for row in rows])),
+        "regret": float(sum(optima) - sum(row.earned for row in rows)) if optima else None,
         "completed": sum(row.completed for row in rows),
-        "unsafe_visits": sum(row.unsafe for row in rows),
-        "episodes_with_unsafe_visits": sum(row.unsafe > 0 for row in rows),
+        "unsafe_visits": sum(unsafe) if unsafe else None,
+        "episodes_with_unsafe_visits": sum(count > 0 for count in unsafe) if unsafe else None,
         "adaptations": sum(row.replans for row in rows),
         "policy_updates": sum(row.updates for row in rows),
         "fallbacks": sum(row.fallbacks for row in rows),
         "problems": sum(row.problems for row in rows),
+        "faults": dict(sum((Counter(row.faults) for row in rows), Counter())),
         "changes": len(reacted),
         "changes_recovered_from": len(episodes),
         "mean_episodes_to_recover": _mean(episodes),
     }
+
+
+def _known(values: Sequence[Number | None]) -> list[Number]:
+    return [value for value in values if value is not None]
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -8,8 +8,9 @@ from merap.errors import MerapError
 
 # timeout: no answer in time; refused: no connection; dropped: the connection broke amid an answer;
 # malformed: the answer is not what the schema says; failed: the system reports a fault of its own;
-# rejected: it refuses the request; missed: it has gone on by itself, or someone else manages it too.
-FaultKind = Literal["timeout", "refused", "dropped", "malformed", "failed", "rejected", "missed"]
+# rejected: it refuses the request; missed: it has gone on by itself, or someone else manages it too;
+# gone: no episode could begin, several times in a row.
+FaultKind = Literal["timeout", "refused", "dropped", "malformed", "failed", "rejected", "missed", "gone"]
 FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
 
 

@@ -1,4 +1,4 @@
-"""Guards against a system that is late or fails; see `guarded_strategy` for a planner.
+"""Guards against a system that is late or fails; see `deadline` for a planner.
 
 Axes: A declared actions.
 """
