@@ -38,10 +38,7 @@ def test_the_loop_manages_gymnasiums_own_lake(tmp_path: Path) -> None:
     With other seeds less than 45 % of 20 settled ones would succeed in 1 run of 200 (binomial).
     """
     run = trained(tmp_path / "run", TrainingConfig(updates=2, hidden=(4,), episodes=2), LAKE)
-    text = (LAKE / "gymnasium.yaml").read_text()
-    path = tmp_path / "lake.yaml"
-    path.write_text(text.replace("episodes: 60", "episodes: 40"))
-    found = read_scenario(path)
+    found = read_scenario(LAKE / "gymnasium.yaml")
     with open_knowledge(f"sqlite:///{tmp_path / 'knowledge.db'}") as knowledge:
         report = run_loop(run, found, knowledge=knowledge)
         assert check_decisions(run, knowledge, 1) == ()
