@@ -65,6 +65,7 @@ class Told:
 
     def act(self, allowed: Bools) -> int:
         assert allowed[self.action]
+        self.calls.append("act")
         return self.action
 
     def observe(self, action: int, observation: Observation) -> None:

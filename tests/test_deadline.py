@@ -1,25 +1,37 @@
 from __future__ import annotations
 
+import sys
 import threading
+from collections.abc import Callable, Iterator
 
 import pytest
 
-from merap.online.managed.deadline import Punctual
+from merap.online.managed.deadline import Lateness, Punctual
 
 PATIENCE = 60.0
+SHORT = 0.01
+
+
+def begun_but_late(punctual: Punctual, work: Callable[[], object]) -> None:
+    """Asked for until the thread, on however busy a machine, has begun it in time."""
+    while (answer := punctual.in_time(work)) is Lateness.BUSY:
+        pass
+    assert answer is Lateness.LATE
 
 
 def test_without_a_limit_work_is_done_at_once() -> None:
     done: list[str] = []
-    punctual = Punctual[str](None)
-    punctual.later(lambda: done.append("first"))
-    assert punctual.in_time(lambda: "second") == "second"
-    assert done == ["first"]
+    punctual = Punctual(None)
+    assert punctual.later(lambda: done.append("first")).done()
+    assert punctual.in_time(lambda: [*done, "second"]) == ["first", "second"]
+    punctual.finish()
+    punctual.close()
 
 
 def test_work_in_time_has_its_result() -> None:
-    punctual = Punctual[int](PATIENCE)
-    assert punctual.in_time(lambda: 6 * 7) == 42
+    with Punctual(PATIENCE) as punctual:
+        assert punctual.in_time(lambda: 6 * 7) == 42
+        assert punctual.in_time(lambda: None) is None
 
 
 def test_late_work_is_finished_before_the_next_piece() -> None:
@@ -27,59 +39,105 @@ def test_late_work_is_finished_before_the_next_piece() -> None:
     done: list[str] = []
     signal = threading.Event()
 
-    def slow() -> str:
+    def slow() -> None:
         assert signal.wait(PATIENCE)
         done.append("slow")
-        return "too late"
 
-    punctual = Punctual[str](0.01)
-    assert punctual.in_time(slow) is None
-    punctual.later(lambda: done.append("next"))
-    assert done == []
-    signal.set()
-    punctual.finish()
+    with Punctual(SHORT) as punctual:
+        begun_but_late(punctual, slow)
+        punctual.later(lambda: done.append("next"))
+        assert done == []
+        signal.set()
+        punctual.finish()
     assert done == ["slow", "next"]
 
 
+def test_work_that_could_not_begin_in_time_is_not_done() -> None:
+    done: list[str] = []
+    signal = threading.Event()
+    with Punctual(SHORT) as punctual:
+        before = punctual.later(lambda: signal.wait(PATIENCE))
+        assert punctual.in_time(lambda: done.append("asked in vain")) is Lateness.BUSY
+        assert not before.done()
+        signal.set()
+        punctual.later(lambda: done.append("told"))
+        punctual.finish()
+    assert done == ["told"]
+
+
 def test_while_patient_nothing_is_late() -> None:
-    started = threading.Event()
-
-    def slow() -> int:
-        started.wait(0.05)
-        return 1
-
-    punctual = Punctual[int](0.001)
-    punctual.patient = True
-    assert punctual.in_time(slow) == 1
+    signal = threading.Event()
+    with Punctual(0.001) as punctual:
+        punctual.patient = True
+        punctual.later(lambda: signal.wait(0.05))
+        assert punctual.in_time(lambda: signal.wait(0.05)) is False
 
 
 def test_what_goes_wrong_beside_the_loop_comes_out_at_its_end() -> None:
     def wrong() -> None:
         raise ValueError("no such state")
 
-    punctual = Punctual[int](PATIENCE)
-    punctual.later(wrong)
-    with pytest.raises(ValueError, match="no such state"):
+    with Punctual(PATIENCE) as punctual:
+        punctual.later(wrong)
+        with pytest.raises(ValueError, match="no such state"):
+            punctual.finish()
         punctual.finish()
-    punctual.finish()
 
 
-def test_what_is_late_can_be_waited_for() -> None:
-    signal = threading.Event()
+def test_what_went_wrong_before_comes_out_where_a_result_is_waited_for() -> None:
+    def wrong() -> None:
+        raise ValueError("no such state")
 
-    def slow() -> int:
-        assert signal.wait(PATIENCE)
-        return 5
+    with Punctual(PATIENCE) as punctual:
+        gate = threading.Event()
+        punctual.later(lambda: gate.wait(PATIENCE))
+        punctual.later(wrong)
+        threading.Timer(0.01, gate.set).start()
+        with pytest.raises(ValueError, match="no such state"):
+            punctual.in_time(lambda: 1)
 
-    punctual = Punctual[int](0.01)
-    assert punctual.in_time(slow) is None
-    signal.set()
-    assert punctual.late_result() == 5
+
+def test_work_hands_over_no_work() -> None:
+    """It would wait for itself."""
+    with Punctual(PATIENCE) as punctual:
+        for wrong in (lambda: punctual.later(int), lambda: punctual.in_time(int), punctual.finish):
+            punctual.later(wrong)
+            with pytest.raises(AssertionError, match="work (hands over|waits for) no work"):
+                punctual.finish()
 
 
-@pytest.mark.parametrize("limit", [None, PATIENCE])
-def test_a_result_comes_after_all_that_was_handed_over_before(limit: float | None) -> None:
+@pytest.fixture
+def hectic() -> Iterator[None]:
+    """Threads take turns as often as they can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def test_however_threads_take_turns_everything_is_done_in_order(hectic: None) -> None:
+    """Some ten thousand pieces, a tenth of them waited for; it hangs or miscounts if they meet."""
+    done: list[int] = []
+    with Punctual(PATIENCE) as punctual:
+        for number in range(0, 10_000, 10):
+            for piece in range(number, number + 9):
+                punctual.later(lambda piece=piece: done.append(piece))  # type: ignore[misc]
+            assert punctual.in_time(lambda number=number: (done.append(number + 9), len(done))[1]) == (  # type: ignore[misc]
+                number + 10
+            )
+            punctual.finish()
+    assert done == list(range(10_000))
+
+
+def test_a_closed_one_leaves_no_thread_and_does_nothing_more() -> None:
+    before, signal = threading.active_count(), threading.Event()
     done: list[str] = []
-    punctual = Punctual[int](limit)
-    punctual.later(lambda: done.append("first"))
-    assert punctual.result(lambda: [*done, "second"]) == ["first", "second"]
+    with Punctual(PATIENCE) as punctual:
+        assert threading.active_count() == before
+        punctual.later(lambda: signal.wait(PATIENCE))
+        left = punctual.later(lambda: done.append("too late"))
+        assert threading.active_count() == before + 1
+        threading.Timer(0.01, signal.set).start()
+    assert left.cancelled()
+    assert threading.active_count() == before
+    assert done == []

@@ -9,8 +9,8 @@ import pytest
 from merap.mdp.model import Bools, Floats
 from merap.online.loop.learner import Learner
 from merap.online.loop.messages import Analysis, Phase, Plan, Sighting
-from merap.online.loop.planner import Planner
-from merap.online.managed.deadline import Punctual
+from merap.online.loop.planner import Late, Planner
+from merap.online.managed.deadline import Lateness, Punctual
 from tests.loop_examples import NUM_ACTIONS, Told, monitored, seen
 
 EXPLORED, FALLBACK = 3, 2
@@ -40,9 +40,9 @@ def ready(strategy: Told) -> Learner:
 def planner(
     table: Floats,
     *,
-    punctual: Punctual[int] | None = None,
+    punctual: Punctual | None = None,
     strategy: Told | None = None,
-    late: frozenset[tuple[int, int]] = frozenset(),
+    late: Late | None = None,
     fallback: int | None = FALLBACK,
 ) -> Planner:
     planning = Planner(
@@ -50,7 +50,7 @@ def planner(
         fallback,
         punctual or Punctual(None),
         np.random.default_rng(0),
-        late,
+        late or {},
     )
     planning.adopt(table)
     return planning
@@ -108,21 +108,86 @@ def test_only_what_is_allowed_is_planned() -> None:
 
 
 @pytest.mark.parametrize(("fallback", "expected"), [(FALLBACK, 2), (1, 0), (None, 0)])
-def test_the_fallback_is_always_allowed(fallback: int | None, expected: int) -> None:
+def test_after_a_fault_the_fallback_is_taken_and_it_is_always_allowed(
+    fallback: int | None, expected: int
+) -> None:
     allowed = np.array([True, False, True, False, False])
-    assert planner(table(), fallback=fallback).fall_back(allowed) == Plan(expected, "fallback")
+    faulty = monitored(HERE, problems=("lost", "garbled"))
+    plan = planner(table(), fallback=fallback).plan(faulty, analysis("adapting"), allowed)
+    assert plan == Plan(expected, "fallback", "garbled")
+
+
+def begun_but_late(planning: Planner) -> Plan:
+    """Asked until the learner, on however busy a machine, has begun to think in time."""
+    while (plan := planning.plan(monitored(HERE), analysis("adapting"), ALL)).reason == Lateness.BUSY:
+        pass
+    return plan
 
 
 def test_a_plan_that_is_late_is_replaced() -> None:
     signal = threading.Event()
-    punctual = Punctual[int](0.01)
-    planning = planner(table(), punctual=punctual, strategy=Slow(signal))
-    assert planning.plan(monitored(HERE), analysis("adapting"), ALL) == Plan(FALLBACK, "fallback")
-    signal.set()
-    punctual.finish()
+    with Punctual(0.01) as punctual:
+        planning = planner(table(), punctual=punctual, strategy=Slow(signal))
+        assert begun_but_late(planning) == Plan(FALLBACK, "fallback", "the plan was late")
+        signal.set()
+        punctual.finish()
 
 
-def test_a_plan_that_was_late_is_late_again_when_it_is_repeated() -> None:
-    planning = planner(table(), late=frozenset({(0, 3)}))
+def test_a_learner_that_is_busy_is_not_asked() -> None:
+    signal, strategy = threading.Event(), Told(EXPLORED)
+    with Punctual(0.01) as punctual:
+        planning = planner(table(), punctual=punctual, strategy=strategy)
+        punctual.later(lambda: signal.wait(60))
+        plan = planning.plan(monitored(HERE), analysis("adapting"), ALL)
+        signal.set()
+        punctual.finish()
+    assert plan == Plan(FALLBACK, "fallback", "the learner was busy with earlier steps")
+    assert "act" not in strategy.calls
+
+
+@pytest.mark.parametrize("how", Lateness)
+def test_a_plan_that_was_late_is_late_again_when_it_is_repeated(how: Lateness) -> None:
+    """The learner is asked again where it was asked then."""
+    strategy = Told(EXPLORED)
+    planning = planner(table(), strategy=strategy, late={(0, 3): how})
     plans = [planning.plan(monitored(HERE, step=t), analysis("adapting"), ALL) for t in (2, 3, 4)]
     assert [plan.source for plan in plans] == ["exploration", "fallback", "exploration"]
+    assert plans[1].reason == how
+    assert strategy.calls.count("act") == (3 if how is Lateness.LATE else 2)
+
+
+RIGHT_AT_7 = [0.0, 0, 0, 0, 1]
+BLIND = monitored(None, seen_state=HERE)
+
+
+def test_a_policy_is_carried_out_once_it_is_made() -> None:
+    """Until then a plan is late, though the learner has nothing to say to it."""
+    signal, made = threading.Event(), table(s7=RIGHT_AT_7)
+    with Punctual(0.01) as punctual:
+        planning = planner(table(), punctual=punctual)
+        future = punctual.later(lambda: signal.wait(60))
+        planning.expect(lambda: made if future.result() else table())
+        assert planning.plan(BLIND, analysis("adapting"), ALL).reason == Lateness.BUSY
+        assert planning.table is not made
+        signal.set()
+        punctual.patient = True
+        assert planning.plan(BLIND, analysis("adapting"), ALL) == Plan(4, "prediction")
+        assert planning.table is made
+
+
+@pytest.mark.parametrize(("how", "adopted"), [(Lateness.BUSY, False), (Lateness.LATE, True)])
+def test_a_policy_is_adopted_in_the_step_in_which_it_was_when_it_is_repeated(
+    how: Lateness, adopted: bool
+) -> None:
+    planning, made = planner(table(), late={(0, 0): how}), table(s7=RIGHT_AT_7)
+    planning.expect(lambda: made)
+    assert planning.plan(monitored(HERE), analysis("adapting"), ALL).reason == how
+    assert (planning.table is made) == adopted
+
+
+def test_a_policy_that_was_expected_gives_way_to_a_later_one() -> None:
+    planning, later = planner(table()), table(s7=RIGHT_AT_7)
+    planning.expect(table)
+    planning.adopt(later)
+    planning.catch_up()
+    assert planning.table is later

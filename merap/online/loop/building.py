@@ -100,8 +100,8 @@ def build(
     readings = settings if isinstance(settings, ChangeSettings) else None
     analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
     protection = _protection(scenario, context.hypotheses, horizon)
-    punctual: Punctual[int] = Punctual(spec.deadline.seconds)
-    late = frozenset((one.row.episode, step) for one in past.episodes for step in one.late)
+    punctual = Punctual(spec.deadline.seconds)
+    late = {(one.row.episode, step): how for one in past.episodes for step, how in one.late.items()}
     parts = Parts(
         monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
         analyzer=analyzer,

@@ -79,11 +79,6 @@ class Learner:
         """The next action in the state that was seen last, exploration included."""
         return self._strategy.act(allowed)
 
-    @property
-    def ready(self) -> bool:
-        """The strategy knows of the episode."""
-        return self._begun
-
     def end(self) -> AdaptedPolicy | None:
         """The episode is over: update the policy if it is time; None if it is not."""
         if not self._observed:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from merap.mdp.model import Bools, TabularMDP
+from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.online.loop.analyzer import Analyzer
 from merap.online.loop.executor import Executor
 from merap.online.loop.extension import Extender, Extension
@@ -29,15 +28,16 @@ class Parts:
     learner: Learner
     planner: Planner
     executor: Executor
-    punctual: Punctual[Any]
+    punctual: Punctual
     extender: Extender | None
 
 
 class Loop:
     """Controls a managed system through its parts.
 
-    Attributes:
-        table: float64 [S, A] or [T, S, A], the policy that would act if learning stopped now.
+    Whatever the learner is told during an episode it is told beside the loop, in order. Nothing is shared
+    with it but messages: what the loop decides depends on the clock only through the plans that were
+    late, which are recorded. At the end of an episode nothing is due, so the learner is waited for.
 
     Args:
         parts: fresh ones.
@@ -50,9 +50,15 @@ class Loop:
         self._phase: Phase = "adapting"
         self._mask: Bools | None = None
         self._restrict()
-        self._adopt()
+        self._expect()
+        self._wait()
         if not adapts:
             self._settle()
+
+    @property
+    def table(self) -> Floats:
+        """float64 [S, A] or [T, S, A], the policy that would act if learning stopped now."""
+        return self._parts.planner.table
 
     def episode(self) -> EpisodeLog:
         """One episode, whatever the system does."""
@@ -95,7 +101,7 @@ class Loop:
         if analysis.replan:
             self._decide(monitored, "replan", analysis.reasons)
             parts.executor.forget()
-            parts.punctual.later(self._replan)
+            self._replan()
         self._restrict()
         self._phase = analysis.phase
         if analysis.phase == "adapting":
@@ -103,10 +109,10 @@ class Loop:
         return monitored, analysis
 
     def _replan(self) -> None:
-        self._parts.learner.replan()
+        self._parts.punctual.later(self._parts.learner.replan)
         self._mask = None
         self._restrict()
-        self._adopt()
+        self._expect()
 
     def _restrict(self) -> None:
         """The learner plans within what the shield could allow."""
@@ -115,33 +121,34 @@ class Loop:
             self._mask = mask
             self._parts.punctual.later(lambda: self._parts.learner.restrict(mask))
 
-    def _adopt(self) -> None:
-        """From now on the policy is that of the learner, as the shield lets it be carried out."""
-        self.table = self._parts.executor.carried_out(self._parts.learner.policy().table)
-        self._parts.planner.adopt(self.table)
+    def _expect(self) -> None:
+        """Once it is made the policy is that of the learner, as the shield lets it be carried out."""
+        executor = self._parts.executor
+        made = self._parts.punctual.later(self._parts.learner.policy)
+        self._parts.planner.expect(lambda: executor.carried_out(made.result().table))
+
+    def _wait(self) -> None:
+        self._parts.punctual.finish()
+        self._parts.planner.catch_up()
 
     def _plan(self, monitored: Monitored, analysis: Analysis) -> Plan:
         parts = self._parts
-        allowed = parts.executor.allowed(monitored, analysis)
-        if monitored.problems:
-            plan, reason = parts.planner.fall_back(allowed), monitored.problems[-1]
-        else:
-            plan, reason = parts.planner.plan(monitored, analysis, allowed), "the plan was late"
+        plan = parts.planner.plan(monitored, analysis, parts.executor.allowed(monitored, analysis))
         if plan.source == "fallback":
-            self._decide(monitored, "fallback", (reason,))
+            self._decide(monitored, "fallback", (plan.reason,))
         return plan
 
     def _learn(self, monitored: Monitored) -> AdaptedPolicy | None:
         """The episode is over."""
         parts = self._parts
-        parts.punctual.finish()
+        self._wait()
         if self._phase == "executing":
             return None
         policy = parts.learner.end()
         if policy is None:
             return None
         self._decide(monitored, "update", policy.reasons)
-        self._adopt()
+        parts.planner.adopt(parts.executor.carried_out(policy.table))
         if parts.analyzer.enough(policy):
             self._decide(monitored, "settled", parts.analyzer.explain())
             self._settle()

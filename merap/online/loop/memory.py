@@ -26,6 +26,7 @@ from merap.online.knowledge.rows import DecisionRow, Level, ObservationRow
 from merap.online.logs import EventLog, JsonLines
 from merap.online.loop.messages import Execution
 from merap.online.loop.records import EpisodeLog, EpisodeRow
+from merap.online.managed.deadline import Lateness
 from merap.online.managed.faults import SystemFault
 
 EPISODE = "episode"
@@ -47,14 +48,14 @@ class Recorded:
         row: of the report.
         seconds: of wall time.
         observations: after the reset and after every step.
-        late: steps whose plan was replaced by the fallback.
+        late: step -> how its plan was late.
         taken: step -> the action that the system took in place of the one it was asked for.
     """
 
     row: EpisodeRow
     seconds: float
     observations: tuple[ObservationRow, ...] = field(repr=False)
-    late: frozenset[int]
+    late: Mapping[int, Lateness]
     taken: Mapping[int, int]
 
 
@@ -189,9 +190,10 @@ def recall(knowledge: KnowledgeBase, run: int) -> Past:
     observations: list[list[ObservationRow]] = [[] for _ in rows]
     for row in knowledge.observations(run):
         observations[row.episode].append(row)
-    late = [
-        frozenset(one.step for one in decisions if one.kind == FALLBACK and one.episode == number)
-        for number in range(len(rows))
-    ]
+    late: list[dict[int, Lateness]] = [{} for _ in rows]
+    for one in decisions:
+        # a fallback after a fault follows from what was observed
+        if one.kind == FALLBACK and one.reasons[0] in set(Lateness):
+            late[one.episode][one.step] = Lateness(one.reasons[0])
     episodes = map(Recorded, rows, seconds, map(tuple, observations), late, taken)
     return Past(tuple(episodes), system)

@@ -120,10 +120,12 @@ class Plan:
     Attributes:
         action: its number.
         source: who chose it.
+        reason: of a fallback, in one line.
     """
 
     action: int
     source: Source
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)

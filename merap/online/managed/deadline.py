@@ -5,20 +5,32 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from typing import Any, Generic, TypeVar
+from enum import StrEnum
+from types import TracebackType
+from typing import Any, Self, TypeVar
 
 from merap.online.managed.worker import Worker
 
 Result = TypeVar("Result")
-Other = TypeVar("Other")
 
 
-class Punctual(Generic[Result]):
+class Lateness(StrEnum):
+    """Why there is no decision in time; what is repeated from records is late in the same way.
+
+    `LATE`: it was begun, after all work before it. `BUSY`: it was not, and never will be.
+    """
+
+    LATE = "the plan was late"
+    BUSY = "the learner was busy with earlier steps"
+
+
+class Punctual:
     """Does work for at most so long; without a limit at once and to its end.
 
     All work goes through one thread, one piece after the other, so what is late is finished before
-    the next piece begins, and nothing runs side by side. What a piece raises that nobody waits for comes
-    out with the next call after it has ended.
+    the next piece begins, and nothing runs side by side. One thread hands work over and takes results,
+    never a piece of work itself. What a piece raises that nobody waits for comes out with the next call
+    after it has ended.
 
     Attributes:
         patient: nothing is late, for what is repeated.
@@ -33,52 +45,55 @@ class Punctual(Generic[Result]):
         self.patient = False
         self._worker = None if seconds is None else Worker(name)
         self._pending: deque[Future[Any]] = deque()
-        self._late: Future[Result] | None = None
 
-    def in_time(self, work: Callable[[], Result]) -> Result | None:
-        """The result; None if it is late, and then it may be had from `late_result`."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def in_time(self, work: Callable[[], Result]) -> Result | Lateness:
+        """The result, or why there is none in time; work that has not begun by then is not done at all."""
         if self._worker is None:
             return work()
-        future = self._post(self._worker, work)
+        future = self.later(work)
         wait([future], None if self.patient else self._seconds)
-        if future.done():
-            return self._result(future)
-        self._late = future
-        return None
+        if future.cancel():
+            return Lateness.BUSY
+        self._raise_finished()
+        return future.result() if future.done() else Lateness.LATE
 
-    def late_result(self) -> Result:
-        """The result of the piece that was late last, waited for."""
-        assert self._late is not None, "nothing was late"
-        return self._result(self._late)
-
-    def result(self, work: Callable[[], Other]) -> Other:
-        """The result, however long it takes, after all that was handed over before."""
-        return work() if self._worker is None else self._result(self._post(self._worker, work))
-
-    def later(self, work: Callable[[], None]) -> None:
+    def later(self, work: Callable[[], Result]) -> Future[Result]:
         """Do it before any work that is handed over after it."""
         if self._worker is None:
-            work()
-        else:
-            self._post(self._worker, work)
-
-    def finish(self) -> None:
-        """Wait for all that was handed over; raises what it has raised."""
-        wait(self._pending)
+            return _done(work())
+        assert not self._worker.here, "work hands over no work"
         self._raise_finished()
-
-    def _post(self, worker: Worker, work: Callable[[], Other]) -> Future[Other]:
-        self._raise_finished()
-        future = worker.submit(work)
+        future = self._worker.submit(work)
         self._pending.append(future)
         return future
 
-    def _result(self, asked: Future[Other]) -> Other:
-        """Waits; if a piece before it has failed, that is what is raised."""
-        wait([asked])
+    def finish(self) -> None:
+        """Wait for all that was handed over; raises what it has raised."""
+        assert self._worker is None or not self._worker.here, "work waits for no work"
+        wait(self._pending)
         self._raise_finished()
-        return asked.result()
+
+    def close(self) -> None:
+        """No more work; what has not begun is not done at all."""
+        if self._worker is not None:
+            self._worker.close()
 
     def _raise_finished(self) -> None:
         while self._pending and self._pending[0].done():
-            self._pending.popleft().result()
+            ended = self._pending.popleft()
+            if not ended.cancelled():
+                ended.result()
+
+
+def _done(result: Result) -> Future[Result]:
+    future: Future[Result] = Future()
+    future.set_result(result)
+    return future

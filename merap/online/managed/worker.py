@@ -5,34 +5,83 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from queue import SimpleQueue
-from typing import Any, TypeVar
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Self, TypeVar
 
 Result = TypeVar("Result")
+
+# Seconds that a call under way is waited for when its worker is closed.
+LINGER = 1.0
 
 
 class Worker:
     """Carries out calls in their order; one that hangs does not keep the process from ending.
+
+    The thread begins with the first call and ends with `close`. A future that is cancelled before its
+    call has begun is passed over.
 
     Args:
         name: of the thread.
     """
 
     def __init__(self, name: str) -> None:
-        self._calls: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
-        # A thread of an executor would be waited for when the process ends.
-        threading.Thread(target=self._run, name=name, daemon=True).start()
+        self._name = name
+        self._calls: SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def here(self) -> bool:
+        """Whether it is the worker who asks."""
+        return threading.current_thread() is self._thread
 
     def submit(self, call: Callable[[], Result]) -> Future[Result]:
         """Carry out a call after all that were submitted before."""
+        assert not self._closed, "the worker is closed"
+        if self._thread is None:
+            # A thread of an executor would be waited for when the process ends.
+            self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+            self._thread.start()
         future: Future[Result] = Future()
         self._calls.put((call, future))
         return future
 
+    def close(self) -> None:
+        """Cancel what has not begun, and end the thread; one that hangs is left to itself."""
+        self._closed = True
+        if self._thread is None:
+            return
+        self._cancel_all()
+        self._calls.put(None)
+        self._thread.join(LINGER)
+
+    def _cancel_all(self) -> None:
+        try:
+            while (queued := self._calls.get_nowait()) is not None:
+                queued[1].cancel()
+        except Empty:
+            return
+
     def _run(self) -> None:
-        while True:
-            call, future = self._calls.get()
-            try:
-                future.set_result(call())
-            except BaseException as error:  # noqa: BLE001 (whoever waits gets it)
-                future.set_exception(error)
+        while (queued := self._calls.get()) is not None:
+            _carry_out(*queued)
+            # While it waits for the next call it keeps nothing of this one alive.
+            del queued
+
+
+def _carry_out(call: Callable[[], Any], future: Future[Any]) -> None:
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        future.set_result(call())
+    except BaseException as error:  # noqa: BLE001 (whoever waits gets it)
+        future.set_exception(error)
