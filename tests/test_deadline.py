@@ -3,6 +3,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import pytest
 
@@ -102,7 +103,7 @@ def test_work_hands_over_no_work() -> None:
     with Punctual(PATIENCE) as punctual:
         for wrong in (lambda: punctual.later(int), lambda: punctual.in_time(int), punctual.finish):
             punctual.later(wrong)
-            with pytest.raises(AssertionError, match="work (hands over|waits for) no work"):
+            with pytest.raises(AssertionError, match=r"work (hands over|waits for) no work"):
                 punctual.finish()
 
 
@@ -116,15 +117,18 @@ def hectic() -> Iterator[None]:
 
 
 def test_however_threads_take_turns_everything_is_done_in_order(hectic: None) -> None:
-    """Some ten thousand pieces, a tenth of them waited for; it hangs or miscounts if they meet."""
+    """Ten thousand pieces, a tenth of them waited for; it hangs or miscounts if they meet."""
     done: list[int] = []
+
+    def piece(number: int) -> int:
+        done.append(number)
+        return len(done)
+
     with Punctual(PATIENCE) as punctual:
-        for number in range(0, 10_000, 10):
-            for piece in range(number, number + 9):
-                punctual.later(lambda piece=piece: done.append(piece))  # type: ignore[misc]
-            assert punctual.in_time(lambda number=number: (done.append(number + 9), len(done))[1]) == (  # type: ignore[misc]
-                number + 10
-            )
+        for first in range(0, 10_000, 10):
+            for number in range(first, first + 9):
+                punctual.later(partial(piece, number))
+            assert punctual.in_time(partial(piece, first + 9)) == first + 10
             punctual.finish()
     assert done == list(range(10_000))
 
