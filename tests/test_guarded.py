@@ -186,12 +186,74 @@ def test_a_step_that_arrives_while_the_fallback_is_tried_is_the_one_that_was_ask
     assert system.done == [RIGHT]
 
 
+class LateFault(Troubled):
+    """Its first step fails, but late: once the gate is open; the steps after it have other troubles."""
+
+    def __init__(self, late: SystemFault, after: SystemFault | None = None) -> None:
+        super().__init__()
+        self.late: list[SystemFault | None] = [late, after]
+
+    def step(self, action: int) -> Observation:
+        assert self.gate.wait(60)
+        if self.late and (trouble := self.late.pop(0)) is not None:
+            raise trouble
+        return super().step(action)
+
+    def open_gate(self, _: SystemFault) -> None:
+        self.gate.set()
+
+
+def waiting_for(system: LateFault) -> GuardedSystem:
+    """The first step is late, and has its outcome while it is waited for again."""
+    return GuardedSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=system.open_gate)
+
+
+def test_a_step_that_is_late_and_then_fails_is_replaced_by_the_fallback() -> None:
+    system = LateFault(fault("failed"))
+    with waiting_for(system) as guarded:
+        guarded.reset()
+        assert guarded.step(RIGHT).taken == STOP
+    assert system.done == [STOP]
+
+
+@pytest.mark.parametrize(
+    ("late", "after"),
+    [
+        (fault("failed"), fault("dropped")),
+        (fault("rejected", repeatable=False), None),
+        (fault("missed", repeatable=False), None),
+    ],
+    ids=["the fallback fails too", "rejected", "missed"],
+)
+def test_a_step_that_is_late_is_replaced_no_more_than_any_other(
+    late: SystemFault, after: SystemFault | None
+) -> None:
+    system = LateFault(late, after)
+    with waiting_for(system) as guarded:
+        guarded.reset()
+        with pytest.raises(SystemFault) as caught:
+            guarded.step(RIGHT)
+    assert caught.value is (late if after is None else after)
+    assert system.done == []
+
+
+def test_a_guard_that_is_closed_leaves_no_thread() -> None:
+    before = threading.active_count()
+    with GuardedSystem(Troubled(), deadline=60) as guarded:
+        guarded.reset()
+        assert threading.active_count() == before + 1
+    assert threading.active_count() == before
+    with GuardedSystem(Troubled()) as plain:
+        plain.reset()
+        assert threading.active_count() == before
+
+
 def test_errors_that_are_no_faults_pass() -> None:
     for deadline in (None, 60.0):
-        guarded = GuardedSystem(Troubled(), deadline=deadline, retries=QUICK, fallback="stop")
-        guarded.reset()
-        with pytest.raises(InputError, match="action 7 is not enabled"):
-            guarded.step(7)
+        with GuardedSystem(Troubled(), deadline=deadline, retries=QUICK, fallback="stop") as guarded:
+            guarded.reset()
+            with pytest.raises(InputError, match="action 7 is not enabled"):
+                guarded.step(7)
 
 
 def mishaps(generator: np.random.Generator, share: float, count: int) -> list[Mishap]:

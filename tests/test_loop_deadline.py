@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -20,10 +21,11 @@ from merap.online.loop.records import EpisodeRow
 from merap.online.loop.replaying import check_decisions
 from merap.online.loop.running import run_loop
 from merap.online.managed.deadline import Lateness
+from merap.online.managed.guarded import GuardedSystem
 from merap.online.shield.shielded_strategy import Restrictable
 from merap.online.strategies.registry import StrategyContext, make_strategy
 from merap.online.strategy import Strategy
-from merap.online.systems import Observation
+from merap.online.systems import ManagedSystem, Observation
 from tests.loop_runs import scenario, timeless
 from tests.trained_runs import trained
 
@@ -145,6 +147,24 @@ def knowledge(tmp_path: Path) -> Iterator[KnowledgeBase]:
 
 class KilledError(Exception):
     """Stands for the end of the process."""
+
+
+def guarded(system: ManagedSystem) -> ManagedSystem:
+    return GuardedSystem(system, deadline=60)
+
+
+def test_no_thread_is_left_over_however_a_run_ends(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    found = scenario(tmp_path, "scenario: short\nsystem: met\nepisodes: 2\n", NEVER_LATE)
+    before = threading.active_count()
+    with pytest.raises(KilledError):
+        run_loop(run, found, knowledge=knowledge, guard=guarded, on_episode=killed_after(0))
+    assert threading.active_count() == before
+    run_loop(run, found, knowledge=knowledge, resume=True, guard=guarded)
+    assert threading.active_count() == before
+    check_decisions(run, knowledge, 1)
+    assert threading.active_count() == before
 
 
 def killed_after(episode: int) -> Callable[[EpisodeRow], None]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
 from merap.online.loop.truth import truths
 from merap.online.managed.deadline import Punctual
-from merap.online.managed.guarded import Retries
+from merap.online.managed.guarded import GuardedSystem, Retries
 from merap.online.shield.shielded_strategy import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem
@@ -40,19 +42,31 @@ from merap.online.trigger.settings import ChangeSettings, TriggerSettings, read_
 
 @dataclass(frozen=True, eq=False)
 class Built:
-    """A loop and what it meets.
+    """A loop and what it meets; a context at whose end the threads that keep deadlines are closed.
 
     Attributes:
         parts: of the loop.
         system: that is controlled.
+        guarded: the same, as the loop sees it.
         protection: by a shield; None: there is none.
         adapts: whether the policy is adapted before it is carried out.
     """
 
     parts: Parts
     system: MetSystem
+    guarded: ManagedSystem
     protection: Protection | None
     adapts: bool
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.parts.punctual.close()
+        if isinstance(self.guarded, GuardedSystem):
+            self.guarded.close()
 
 
 Guard = Callable[[MetSystem], ManagedSystem]
@@ -102,16 +116,17 @@ def build(
     protection = _protection(scenario, context.hypotheses, horizon)
     punctual = Punctual(spec.deadline.seconds)
     late = {(one.row.episode, step): how for one in past.episodes for step, how in one.late.items()}
+    guarded = guard(system)
     parts = Parts(
         monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
         analyzer=analyzer,
         learner=learner,
         planner=Planner(learner, fallback, punctual, of_planner, late),
-        executor=Executor(RecordedSystem(past.episodes, guard(system)), protection),
+        executor=Executor(RecordedSystem(past.episodes, guarded), protection),
         punctual=punctual,
         extender=_extender(spec, manager, context) if chosen.replans else None,
     )
-    return Built(parts, system, protection, chosen.updates != 0)
+    return Built(parts, system, guarded, protection, chosen.updates != 0)
 
 
 def _met(

@@ -52,8 +52,8 @@ def _derived(run: RunFolder, knowledge: KnowledgeBase, number: int) -> Iterator[
     past = recall(knowledge, number)
     built = build(run, scenario, manager, past)
     built.parts.punctual.patient = True
-    loop = Loop(built.parts, adapts=built.adapts)
-    with one_thread():
+    with one_thread(), built:
+        loop = Loop(built.parts, adapts=built.adapts)
         for _ in past.episodes:
             log = loop.episode()
             for decision in log.decisions:

@@ -49,7 +49,8 @@ def run_loop(
         lines: where the log of a run that is recorded is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
-        guard: what stands between the loop and the system, as `managed.guarded.GuardedSystem`.
+        guard: what stands between the loop and the system, as `managed.guarded.GuardedSystem`, which is
+            closed after the run.
         on_episode: called after each episode, those that were recorded before included.
 
     Raises:
@@ -94,7 +95,7 @@ def _rows(
     """All episodes, their seconds of wall time, and why there are no more of them."""
     rows, seconds = [], []
     try:
-        with one_thread():
+        with one_thread(), built:
             for row, taken in _course(built, episodes, past, memory):
                 rows.append(row)
                 seconds.append(taken)

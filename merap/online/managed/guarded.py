@@ -11,6 +11,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
+from types import TracebackType
+from typing import Self
 
 import tenacity
 
@@ -21,6 +23,8 @@ from merap.online.systems import ManagedSystem, Observation
 
 log = logging.getLogger(__name__)
 
+# After these no other action is to be taken: the system has said no, or has gone on.
+FINAL = frozenset({"rejected", "missed"})
 FaultListener = Callable[[SystemFault], None]
 
 
@@ -44,12 +48,13 @@ class Retries:
 
 
 class GuardedSystem:
-    """Any system with a deadline, retries and a safe fallback action.
+    """Any system with a deadline, retries and a safe fallback action; a context, which closes it.
 
     A call is made again after a fault that is repeatable. A call that is late is never made a second
     time: it is waited for again. When an action has failed for good and the fallback is enabled, the
-    fallback is taken, once; `taken` of the observation tells what the system has done. If that fails too, or
-    there is no fallback, the fault is raised, and the system can be reset.
+    fallback is taken, once. An action that is late then is waited for once more: only if it fails the
+    fallback is taken. `taken` of the observation tells what the system has done. If the fallback fails too,
+    there is none, or the action stays late, the fault is raised, and the system can be reset.
 
     Args:
         system: what is guarded.
@@ -86,6 +91,19 @@ class GuardedSystem:
         self._late: Future[Observation] | None = None
         self._last: Observation | None = None
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread that keeps the deadline; a call that hangs is left to itself."""
+        if self._worker is not None:
+            self._worker.close()
+
     @property
     def actions(self) -> tuple[str, ...]:
         """A names."""
@@ -117,15 +135,22 @@ class GuardedSystem:
 
     def _fallen_back(self, action: int, fault: SystemFault) -> Observation:
         fallback = self._fallback
-        if fallback is None or fault.kind in {"rejected", "missed"} or not self._possible(fallback):
+        if fallback is None or fault.kind in FINAL or not self._possible(fallback):
             raise fault
+        if self._is_late():
+            try:
+                return self._attempt(partial(self._system.step, action))
+            except SystemFault as failed:
+                if self._is_late() or failed.kind in FINAL:
+                    raise
+                fault = failed
         log.warning("%s; falling back on %s", fault, self.actions[fallback])
-        was_late = self._late is not None
         observation = self._attempt(partial(self._system.step, fallback))
-        done = action if was_late else fallback
-        if observation.taken is not None:
-            done = observation.taken
+        done = fallback if observation.taken is None else observation.taken
         return replace(observation, taken=None if done == action else done)
+
+    def _is_late(self) -> bool:
+        return self._late is not None
 
     def _possible(self, action: int) -> bool:
         return self._last is not None and bool(self._last.enabled[action])
