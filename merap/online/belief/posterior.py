@@ -34,6 +34,9 @@ class Belief:
         closed: float64 [U, V, W, P], log-likelihood ratio of closed to open, by moves.
         obstacle: float64 [P], log-likelihood ratio of obstacle to none, by detectors.
         learned: nats by which all observations have changed the belief.
+        evidence: log-probability of all that was observed under the prior (rewards: density). Factors that
+            are the same whatever is believed are left out, so only differences mean something, between
+            beliefs that have seen the same.
         unexplained: how many observations no hypothesis allows; they are left out.
     """
 
@@ -44,6 +47,7 @@ class Belief:
     closed: Floats
     obstacle: Floats
     learned: float = 0.0
+    evidence: float = 0.0
     unexplained: int = 0
 
 
@@ -101,17 +105,39 @@ def reweighted(belief: Belief, dynamics: Floats | None, objective: Floats | None
         told = np.zeros_like(belief.dynamics) if dynamics is None else dynamics
         of_objective = np.zeros_like(belief.objective) if objective is None else objective
         return coupled_by(belief, told[..., np.newaxis, np.newaxis] + of_objective)
-    by_dynamics = (belief.dynamics, 0.0) if dynamics is None else _bayes(belief.dynamics, dynamics)
-    by_objective = (belief.objective, 0.0) if objective is None else _bayes(belief.objective, objective)
+    by_dynamics = _bayes(belief.dynamics, dynamics)
+    by_objective = _bayes(belief.objective, objective)
     if by_dynamics is None or by_objective is None:
         return replace(belief, unexplained=belief.unexplained + 1)
-    learned = belief.learned + by_dynamics[1] + by_objective[1]
-    updated = replace(belief, dynamics=by_dynamics[0], objective=by_objective[0], learned=learned)
+    updated = replace(
+        belief,
+        dynamics=by_dynamics.posterior,
+        objective=by_objective.posterior,
+        learned=belief.learned + by_dynamics.news + by_objective.news,
+        evidence=belief.evidence + by_dynamics.evidence + by_objective.evidence,
+    )
     return updated if dynamics is None else _in_play(updated)
 
 
-def _bayes(prior: Floats, likelihood: Floats) -> tuple[Floats, float] | None:
-    """The normalised posterior and its divergence from the prior in nats, all logs; None if all is 0."""
+@dataclass(frozen=True, eq=False)
+class _Updated:
+    """By Bayes' rule, all logs.
+
+    Attributes:
+        posterior: normalised.
+        news: its divergence from the prior, in nats.
+        evidence: probability of the observation under the prior.
+    """
+
+    posterior: Floats
+    news: float = 0.0
+    evidence: float = 0.0
+
+
+def _bayes(prior: Floats, likelihood: Floats | None) -> _Updated | None:
+    """From a normalised prior, by a likelihood, both logs; None if all is 0."""
+    if likelihood is None:
+        return _Updated(prior)
     posterior = prior + likelihood
     top = posterior.max()
     if top == -np.inf:
@@ -121,7 +147,7 @@ def _bayes(prior: Floats, likelihood: Floats) -> tuple[Floats, float] | None:
     evidence = float(top) + float(np.log(total))
     kept = share > 0
     news = float(share[kept] @ likelihood[kept]) / total - evidence
-    return posterior - evidence, max(news, 0.0)
+    return _Updated(posterior - evidence, max(news, 0.0), evidence)
 
 
 def coupled_by(belief: Belief, likelihood: Floats) -> Belief:
@@ -141,8 +167,9 @@ def coupled_by(belief: Belief, likelihood: Floats) -> Belief:
         belief,
         dynamics=np.zeros_like(belief.dynamics),
         objective=np.zeros_like(belief.objective),
-        coupled=found[0],
-        learned=belief.learned + found[1],
+        coupled=found.posterior,
+        learned=belief.learned + found.news,
+        evidence=belief.evidence + found.evidence,
     )
 
 

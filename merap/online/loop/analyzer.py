@@ -26,6 +26,7 @@ from merap.online.belief.update import (
 )
 from merap.online.curve import Range
 from merap.online.loop.messages import AdaptedPolicy, Analysis, Monitored, Phase, Sighting, Transition
+from merap.online.loop.rivals import Rival, Rivals
 from merap.online.running import executed
 from merap.online.systems import Observation
 from merap.online.trigger.readings import Forecast, Steps
@@ -42,7 +43,8 @@ class Analyzer:
     """Keeps a belief while the learner adapts; watches its predictions while the policy is executed.
 
     While the policy is executed the model stays as it was when adaptation ended. If it followed the
-    observations, a change would be explained away before anyone acts on it.
+    observations, a change would be explained away before anyone acts on it. While it is adapted the belief
+    has rivals that would notice a change, see `rivals`.
 
     Args:
         space: the hypotheses of the case.
@@ -73,6 +75,7 @@ class Analyzer:
         self._forecast: Forecast | None = None
         self._phase: Phase = "adapting"
         self.belief = prior_belief(space)
+        self._rivals = Rivals(space)
         self._modelled: tuple[Belief, DomainModel] | None = None
 
     @property
@@ -131,9 +134,30 @@ class Analyzer:
             if alarm is not None:
                 return self._replan(monitored, alarm)
         else:
-            for news in monitored.news:
-                self._learn(news)
+            rival = self._adapt(monitored)
+            if rival is not None:
+                return self._start_anew(monitored, rival)
         return Analysis(self._phase, self._whereabouts(monitored))
+
+    def _adapt(self, monitored: Monitored) -> Rival | None:
+        """Take in what has arrived; a rival that has seen enough to be believed instead."""
+        if self._trigger is not None and monitored.step == 0:
+            self._rivals.begin(monitored.episode, self.belief)
+        for news in monitored.news:
+            self._learn(news)
+        return self._rivals.convincing(self.belief)
+
+    def _start_anew(self, monitored: Monitored, rival: Rival) -> Analysis:
+        """With the belief of the rival, for whom the change was before all it has seen."""
+        odds = rival.log_odds(self.belief)
+        self.belief = rival.belief
+        self._learned = self.belief.learned
+        self._rivals = Rivals(self._space)
+        reason = (
+            f"the system has changed amid the adaptation: what was seen from episode {rival.episode} on is "
+            f"e^{odds:.1f} times likelier if all that was learned before is forgotten"
+        )
+        return Analysis(self._phase, self._whereabouts(monitored), replan=True, reasons=(reason,))
 
     def _replan(self, monitored: Monitored, alarm: Alarm) -> Analysis:
         assert self._trigger is not None
@@ -142,6 +166,8 @@ class Analyzer:
         if self._forget:
             self.belief = prior_belief(self._space)
         self._learned = self.belief.learned
+        self._rivals = Rivals(self._space)
+        self._rivals.begin(monitored.episode, self.belief)
         for news in monitored.news:
             self._learn(news)
         where = self._whereabouts(monitored)
@@ -168,20 +194,23 @@ class Analyzer:
         return None
 
     def _learn(self, news: Transition | Sighting) -> None:
+        self.belief = self._taken_in(self.belief, news)
+        self._rivals.observe(lambda belief: self._taken_in(belief, news))
+
+    def _taken_in(self, belief: Belief, news: Transition | Sighting) -> Belief:
         if isinstance(news, Transition):
             step = Step(news.state, news.action, news.target, news.observation.reward)
-            self.belief = observe_step(self._space, self.belief, step)
-            self._look(news.target, news.observation)
-        else:
-            self._look(news.state, news.observation)
+            return self._seen(observe_step(self._space, belief, step), news.target, news.observation)
+        return self._seen(belief, news.state, news.observation)
 
-    def _look(self, state: int, observation: Observation) -> None:
+    def _seen(self, belief: Belief, state: int, observation: Observation) -> Belief:
         """What being somewhere tells."""
         if state < self._space.num_states:
-            self.belief = observe_presence(self._space, self.belief, state)
-            self.belief = observe_enabled(self._space, self.belief, state, observation.enabled)
+            belief = observe_presence(self._space, belief, state)
+            belief = observe_enabled(self._space, belief, state, observation.enabled)
         if observation.detections:
-            self.belief = observe_detections(self._space, self.belief, observation.detections)
+            belief = observe_detections(self._space, belief, observation.detections)
+        return belief
 
     def _whereabouts(self, monitored: Monitored) -> Floats:
         """float64 [S], given that the episode isn't over unless that was seen."""
