@@ -8,7 +8,7 @@ A declared actions, V state variables.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -53,6 +53,14 @@ class Strategy(Protocol):
 
     def explain(self) -> tuple[str, ...]:
         """Plain lines: what the last update has concluded, and why the policy is what it is."""
+
+
+@runtime_checkable
+class Revisable(Protocol):
+    """A strategy that remembers what it has seen of the domain, beside the policy."""
+
+    def revise(self) -> None:
+        """The domain has changed: doubt what was seen of it, and keep what the policy has become."""
 
 
 class StateIndex:

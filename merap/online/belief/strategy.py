@@ -23,6 +23,7 @@ from merap.online.belief.planning import (
     plan,
 )
 from merap.online.belief.posterior import Belief, prior_belief
+from merap.online.belief.remembering import remembered
 from merap.online.belief.space import HypothesisSpace
 from merap.online.belief.testing import Trial, hopes
 from merap.online.belief.update import (
@@ -131,6 +132,12 @@ class BeliefStrategy:
         if self.belief.learned - self._learned > WORTH_REPLANNING:
             self._replan()
         return best_allowed(self._acting.ranked[self._time - self._planned_at, self._state], allowed)
+
+    def revise(self) -> None:
+        """Begin with a mixture of the prior and of what was believed; see `remembering`."""
+        self._space = remembered(self._space, self.belief)
+        self.belief = prior_belief(self._space)
+        self._modelled, self._learned, self._refined_at = None, -np.inf, -np.inf
 
     def restrict(self, mask: Bools) -> None:
         """Plan with the actions bool [S, A] alone; a row without any is not restricted."""

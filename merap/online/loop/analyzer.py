@@ -16,6 +16,7 @@ from merap.mdp.planning import optimum, worst_value
 from merap.online.belief.explanation import explain
 from merap.online.belief.model import DomainModel, mean_model, tabular
 from merap.online.belief.posterior import Belief, prior_belief
+from merap.online.belief.remembering import remembered
 from merap.online.belief.space import HypothesisSpace
 from merap.online.belief.update import (
     Step,
@@ -52,7 +53,7 @@ class Analyzer:
         updates: policy updates of an adaptation, at least; None: it never ends.
         trigger: decides when to re-plan; None: never.
         settings: of what the trigger reads.
-        forget: re-planning starts from the prior.
+        forget: re-planning starts from the prior; else from a mixture of it and of what was believed.
     """
 
     def __init__(
@@ -163,8 +164,9 @@ class Analyzer:
         assert self._trigger is not None
         self._trigger.replanned()
         self._phase = "adapting"
-        if self._forget:
-            self.belief = prior_belief(self._space)
+        if not self._forget:
+            self._space = remembered(self._space, self.belief)
+        self.belief = prior_belief(self._space)
         self._learned = self.belief.learned
         self._rivals = Rivals(self._space)
         self._rivals.begin(monitored.episode, self.belief)

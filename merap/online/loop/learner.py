@@ -12,7 +12,7 @@ import numpy as np
 from merap.mdp.model import Bools
 from merap.online.loop.messages import AdaptedPolicy, Monitored, Transition
 from merap.online.shield.shielded_strategy import Restrictable
-from merap.online.strategy import Strategy
+from merap.online.strategy import Revisable, Strategy
 
 StrategyMaker = Callable[[np.random.Generator], Strategy]
 
@@ -23,7 +23,8 @@ class Learner:
     Args:
         make: a strategy as it is before any episode, which is the meta policy if it has one.
         generator: of the strategies.
-        restart: a re-planning starts from `make`; else from the adapted policy.
+        restart: a re-planning starts from `make`; else from the adapted policy, and what was seen of the
+            domain is doubted.
     """
 
     def __init__(
@@ -48,6 +49,8 @@ class Learner:
         """Adapt anew; the next thing it is told of is where the system is."""
         if self._restart:
             self._strategy = self._fresh()
+        elif isinstance(self._strategy, Revisable):
+            self._strategy.revise()
         self._policy = None
         self._updates = self._episodes = 0
         self._begun = self._observed = False

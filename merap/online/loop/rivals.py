@@ -22,8 +22,8 @@ from merap.online.belief.space import HypothesisSpace
 
 # So many of the last episodes have a rival.
 RIVALS = 3
-# Log-odds of a change from which on it is believed: with an odds of e^12 one adaptation in some 10,000, of
-# ten episodes and more, begins anew for nothing.
+# Log-odds of a change from which on it is believed: with e^12 one adaptation in some 10,000, of ten
+# episodes and more, begins anew for nothing.
 CONVINCED = 12.0
 # Nats of an observation that no hypothesis allows.
 UNEXPLAINED = -12.0

@@ -129,6 +129,10 @@ class GradientStrategy:
         self._episodes = []
         self._behaviour = self._exploring()
 
+    def revise(self) -> None:
+        """Drop the episodes since the last step."""
+        self._episodes = []
+
     def policy(self) -> Floats:
         """float64 [S, A], the policy without exploration."""
         with torch.no_grad():

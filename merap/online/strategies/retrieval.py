@@ -110,6 +110,12 @@ class RetrievalStrategy:
         self._steps = []
         self._retrieve()
 
+    def revise(self) -> None:
+        """Forget how well each case has fitted; the one that was retrieved is played on."""
+        self._fit[:] = 0.0
+        self._seen[:] = False
+        self._steps = []
+
     def policy(self) -> Floats:
         """float64 [T, S, A], the best of the retrieved case."""
         return self._policy
