@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from merap.mdp.model import Floats
 from merap.mdp.planning import optimum
 from merap.online.belief.posterior import concern_weights
+from merap.online.belief.remembering import SHARE
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.loop.analyzer import PATIENCE, Analyzer
 from merap.online.loop.messages import AdaptedPolicy, Sighting, Transition
@@ -35,15 +37,21 @@ def step(before: tuple[int, int], action: int, after: tuple[int, int], reward: f
     return Transition(0, cell(*before), action, cell(*after), seen(*after, reward))
 
 
+def capabilities(space: HypothesisSpace, analyzer: Analyzer) -> Floats:
+    """[C], their weights."""
+    _, weights, _ = concern_weights(space, analyzer.belief)
+    return weights
+
+
 def no_entry(space: HypothesisSpace, analyzer: Analyzer) -> list[str]:
     """The capabilities that are left."""
-    _, capability, _ = concern_weights(space, analyzer.belief)
-    return [name for name, mass in zip(space.capability_names, capability, strict=True) if mass > 0.1]
+    weights = capabilities(space, analyzer)
+    return [name for name, mass in zip(space.capability_names, weights, strict=True) if mass > 0.1]
 
 
-def bumped(space: HypothesisSpace, trigger: Doubtful | None = None) -> Analyzer:
+def bumped(space: HypothesisSpace, trigger: Doubtful | None = None, *, forget: bool = True) -> Analyzer:
     """An analyzer that has seen (3, 4) closed, from the left, too often for a slip."""
-    analyzer = Analyzer(space, HORIZON, 3, trigger)
+    analyzer = Analyzer(space, HORIZON, 3, trigger, forget=forget)
     left = step((3, 3), RIGHT, (3, 3))
     analyzer.analyse(monitored(cell(3, 3), [Sighting(cell(3, 3), seen(3, 3)), *[left] * 10]))
     return analyzer
@@ -100,14 +108,37 @@ def test_an_alarm_makes_the_analyzer_start_anew(space: HypothesisSpace) -> None:
     assert no_entry(space, analyzer) == list(space.capability_names[1:3])
 
 
-def test_the_belief_can_be_kept_over_a_replanning(space: HypothesisSpace) -> None:
-    analyzer = Analyzer(space, HORIZON, 3, Doubtful(), forget=False)
-    analyzer.analyse(monitored(cell(2, 4), [step((2, 4), DOWN, (2, 4))]))
-    before = no_entry(space, analyzer)
+def test_a_replanning_may_begin_with_half_of_what_was_believed(space: HypothesisSpace) -> None:
+    """That (3, 4) can't be entered is certain before, and no more than likely afterwards."""
+    analyzer = bumped(space, Doubtful(), forget=False)
+    before = capabilities(space, analyzer)
+    assert before.max() > 0.99
     analyzer.settle(STILL)
+    # no hypothesis allows that, so it tells nothing
     analysis = analyzer.analyse(monitored(cell(8, 8), [step((0, 0), RIGHT, (8, 8))]))
     assert analysis.replan
-    assert no_entry(space, analyzer) == before
+    prior = capabilities(space, Analyzer(space, HORIZON, 3, None))
+    expected = SHARE * before + (1 - SHARE) * prior
+    np.testing.assert_allclose(capabilities(space, analyzer), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("trigger", [Doubtful(), None])
+def test_a_change_amid_an_adaptation_is_noticed_where_anything_is_heeded(
+    space: HypothesisSpace, trigger: Doubtful | None
+) -> None:
+    """(3, 4) could not be entered in the first episode; in the second it is entered again and again."""
+    analyzer = bumped(space, trigger)
+    through = [step((3, 3), RIGHT, (3, 4)), step((3, 4), LEFT, (3, 3))]
+    start = Sighting(cell(3, 3), seen(3, 3))
+    first = analyzer.analyse(replace(monitored(cell(3, 3), [start]), episode=1))
+    assert not first.replan
+    analysis = analyzer.analyse(replace(monitored(cell(3, 3), through * 6, step=12), episode=1))
+    assert analysis.replan == (trigger is not None)
+    if trigger is not None:
+        assert analysis.phase == "adapting"
+        assert "what was seen from episode 1 on" in analysis.reasons[0]
+        # that episode is known, the one before it forgotten
+        assert space.capability_names[0] not in no_entry(space, analyzer)
 
 
 def test_what_ends_the_task_is_likely_where_it_ends(space: HypothesisSpace) -> None:

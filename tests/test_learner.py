@@ -11,6 +11,13 @@ RIGHT = Transition(0, 0, 4, 1, seen(0, 1))
 ENDED = Transition(0, 1, 0, 81, seen(-1, -1, 10.0, ended=True))
 
 
+class Remembering(Told):
+    """A strategy that remembers the domain."""
+
+    def revise(self) -> None:
+        self.calls.append("revise")
+
+
 def learner(made: list[Told], per_update: int = 1, *, restart: bool = True) -> Learner:
     def make(generator: np.random.Generator) -> Told:
         made.append(Told(episodes_per_update=per_update))
@@ -57,6 +64,21 @@ def test_replanning_may_start_from_the_adapted_policy() -> None:
     learning.replan()
     assert len(made) == 1
     assert episode(learning) == 1
+
+
+def test_an_adapted_policy_is_kept_but_what_was_seen_of_the_domain_is_doubted() -> None:
+    made: list[Remembering] = []
+
+    def make(generator: np.random.Generator) -> Remembering:
+        made.append(Remembering())
+        return made[-1]
+
+    for restart in (False, True):
+        made.clear()
+        learning = Learner(make, np.random.default_rng(0), restart=restart)
+        episode(learning)
+        learning.replan()
+        assert ["revise" in one.calls for one in made] == ([False, False] if restart else [True])
 
 
 def test_a_replanning_amid_an_episode_begins_where_the_system_is() -> None:

@@ -45,6 +45,26 @@ def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: P
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
+@pytest.mark.parametrize("replan_from", ["meta", "adapted"])
+def test_changes_amid_an_adaptation_are_come_to_terms_with(tmp_path: Path, replan_from: str) -> None:
+    """The second change comes when the adaptation to the first has hardly begun. Each is noticed by the end
+    of the next episode and mastered in two more."""
+    run = trained(tmp_path / "run", case=EXAMPLE)
+    text = """\
+scenario: hasty
+system: {environment: b_blocked, capability: speed_low, objective: g3}
+episodes: 14
+changes: [{at: {episode: 4}, environment: {blocked: [A]}}, {at: {episode: 7}, objective: g1}]
+"""
+    report = run_loop(run, scenario(tmp_path, text, f"strategy: {{replan_from: {replan_from}}}\n"))
+    for reaction in report.reactions:
+        assert reaction.replanned is not None
+        assert reaction.replanned <= reaction.episode + 1
+        assert reaction.episodes is not None
+        assert reaction.episodes <= 3
+    assert sum(row.replans for row in report.rows) == 2
+
+
 def test_an_adapted_policy_is_optimal_before_the_change(run: RunFolder, tmp_path: Path) -> None:
     built = doubtful(run, scenario(tmp_path))
     logs = episodes(built, 5)

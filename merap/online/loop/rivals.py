@@ -6,8 +6,8 @@ the prior, and what is seen from there on is held against both:
 
     O_k = p(what is seen since episode k | the prior) / p(the same | what was seen before it)
 
-Without a change, for a system drawn from the prior, each O_k has a mean of 1 at any time, and is a martingale:
-it ever exceeds c with a probability of at most 1 / c (Ville), as with a Bayesian change point at k (Adams and
+Without a change, for a system drawn from the prior, each O_k is a martingale with a mean of 1: it ever
+exceeds c with a probability of at most 1 / c (Ville). O_k is the Bayes factor of a change point at k (Adams and
 MacKay 2007, "Bayesian online changepoint detection"). The last few episodes have a rival each.
 """
 
@@ -68,9 +68,13 @@ class Rivals:
         for number, rival in enumerate(self._rivals):
             self._rivals[number] = replace(rival, belief=update(rival.belief))
 
+    def best(self, incumbent: Belief) -> Rival | None:
+        """The rival with the highest odds; None: there is none."""
+        return max(self._rivals, key=lambda rival: rival.log_odds(incumbent), default=None)
+
     def convincing(self, incumbent: Belief) -> Rival | None:
-        """The rival with the highest odds, if they are high enough."""
-        best = max(self._rivals, key=lambda rival: rival.log_odds(incumbent), default=None)
+        """The best rival, if its odds are high enough."""
+        best = self.best(incumbent)
         return best if best is not None and best.log_odds(incumbent) >= CONVINCED else None
 
 
