@@ -7,8 +7,8 @@ the prior, and what is seen from there on is held against both:
     O_k = p(what is seen since episode k | the prior) / p(the same | what was seen before it)
 
 Without a change, for a system drawn from the prior, each O_k is a martingale with a mean of 1: it ever
-exceeds c with a probability of at most 1 / c (Ville). O_k is the Bayes factor of a change point at k (Adams and
-MacKay 2007, "Bayesian online changepoint detection"). The last few episodes have a rival each.
+exceeds c with a probability of at most 1 / c (Ville). O_k is the Bayes factor of a change point at k (Adams
+and MacKay 2007, "Bayesian online changepoint detection"). The last few episodes have a rival each.
 """
 
 from __future__ import annotations
