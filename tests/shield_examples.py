@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
+from merap.concerns.case_study import CaseStudy, load_case
 from merap.mdp.model import Bools, Floats, Ints
 from merap.online.shield.outcomes import OutcomeSets, outcome_sets, rows
 
@@ -94,3 +96,46 @@ def _reaching(chain: Floats, target: Bools) -> Floats:
         system = np.eye(len(inner)) - chain[np.ix_(inner, inner)]
         value[inner] = np.linalg.solve(system, chain[inner][:, target].sum(axis=1))
     return value
+
+
+# Five steps beside a gutter: `right` slides into it by 0.1 or, if it is wet, by 0.2.
+GUTTER = """\
+case: gutter
+discount: 0.98
+space:
+  grid: {rows: 2, cols: 6, moves: {down: [1, 0], right: [0, 1]}}
+  attributes:
+    gutter: {type: bool, default: false}
+environment:
+  parameters: {low: locations}
+  attributes: {gutter: [{at: low, value: true}]}
+  configurations: {only: {low: {rows: [1, 1], cols: [0, 5]}}}
+capability:
+  parameters: {slide: probability}
+  actions:
+    stop: {stay: 1}
+    right:
+      outcomes:
+        - {move: right, probability: 1 - slide}
+        - {move: down, probability: slide}
+  configurations: {dry: {slide: 0.1}, wet: {slide: 0.2}}
+objective:
+  parameters: {goal: location}
+  start: [0, 0]
+  horizon: 10
+  unsafe: gutter
+  rewards:
+    - {at: goal, action: stop, value: 10}
+    - {value: -1}
+  ends_after: {at: goal, action: stop}
+  configurations: {far: {goal: [0, 5]}}
+online:
+  met: {environment: only, capability: dry, objective: far}
+"""
+
+
+def gutter(folder: Path) -> CaseStudy:
+    """The case, written into a folder."""
+    path = folder / "gutter.yaml"
+    path.write_text(GUTTER, encoding="utf-8")
+    return load_case(path)

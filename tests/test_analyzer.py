@@ -53,14 +53,14 @@ def bumped(space: HypothesisSpace, trigger: Doubtful | None = None, *, forget: b
     """An analyzer that has seen (3, 4) closed, from the left, too often for a slip."""
     analyzer = Analyzer(space, HORIZON, 3, trigger, forget=forget)
     left = step((3, 3), RIGHT, (3, 3))
-    analyzer.analyse(monitored(cell(3, 3), [Sighting(cell(3, 3), seen(3, 3)), *[left] * 10]))
+    analyzer.analyse(monitored(cell(3, 3), [Sighting(cell(3, 3), seen(3, 3), 0), *[left] * 10]))
     return analyzer
 
 
 def test_while_adapting_the_belief_follows_what_is_seen(space: HypothesisSpace) -> None:
     analyzer = Analyzer(space, HORIZON, 3, None)
     assert len(no_entry(space, analyzer)) == 3
-    analysis = analyzer.analyse(monitored(cell(3, 3), [Sighting(cell(3, 3), seen(3, 3))]))
+    analysis = analyzer.analyse(monitored(cell(3, 3), [Sighting(cell(3, 3), seen(3, 3), 0)]))
     assert (analysis.phase, analysis.replan) == ("adapting", False)
     assert no_entry(space, bumped(space)) == [space.capability_names[0]]
 
@@ -129,7 +129,7 @@ def test_a_change_amid_an_adaptation_is_noticed_where_anything_is_heeded(
     """(3, 4) could not be entered in the first episode; in the second it is entered again and again."""
     analyzer = bumped(space, trigger)
     through = [step((3, 3), RIGHT, (3, 4)), step((3, 4), LEFT, (3, 3))]
-    start = Sighting(cell(3, 3), seen(3, 3))
+    start = Sighting(cell(3, 3), seen(3, 3), 0)
     first = analyzer.analyse(replace(monitored(cell(3, 3), [start]), episode=1))
     assert not first.replan
     analysis = analyzer.analyse(replace(monitored(cell(3, 3), through * 6, step=12), episode=1))
@@ -169,7 +169,7 @@ def test_a_new_episode_begins_at_the_start_though_nothing_was_seen(space: Hypoth
 
 def test_a_state_that_is_seen_is_certain(space: HypothesisSpace) -> None:
     known = Analyzer(space, HORIZON, 3, None).analyse(
-        monitored(cell(5, 5), [Sighting(cell(5, 5), seen(5, 5))])
+        monitored(cell(5, 5), [Sighting(cell(5, 5), seen(5, 5), 0)])
     )
     assert np.flatnonzero(known.whereabouts).tolist() == [cell(5, 5)]
 

@@ -3,15 +3,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from merap.errors import MerapError
+from merap.online.belief.space import hypothesis_space
 from merap.online.loop.executor import MAX_FAULTS, Executor
-from merap.online.loop.messages import Analysis, Plan
+from merap.online.loop.messages import Plan
+from merap.online.loop.protection import Protection
+from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.systems import Observation
 from tests.loop_examples import NUM_ACTIONS, monitored, seen
+from tests.shield_examples import gutter
 
 PLAN = Plan(4, "policy")
 
@@ -75,7 +80,7 @@ def test_an_episode_that_can_not_begin_is_over() -> None:
 
 def test_without_a_shield_everything_enabled_is_allowed() -> None:
     executor = Executor(Scripted(), None)
-    assert executor.allowed(monitored(3), Analysis("executing", np.eye(82)[3])).all()
+    assert executor.allowed(monitored(3)).all()
     assert executor.mask() is None
     table = np.full((82, NUM_ACTIONS), 1 / NUM_ACTIONS)
     assert executor.carried_out(table) is table
@@ -103,3 +108,19 @@ def test_what_a_guarded_system_has_taken_in_its_place_is_what_was_done() -> None
     executor = Executor(guarded, None)
     assert executor.execute(PLAN).action == 0
     assert executor.execute(PLAN).action == PLAN.action
+
+
+def test_the_shield_is_told_what_was_executed_and_what_may_have_been(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[int, bool]] = []
+    space = hypothesis_space(gutter(tmp_path))
+    protection = Protection(space, 10, ShieldSettings(0.0))
+    monkeypatch.setattr(protection, "took", lambda action, *, surely: told.append((action, surely)))
+    executor = Executor(
+        Scripted(seen(0, 0), seen(0, 1), replace(seen(0, 1), taken=0), "no answer"), protection
+    )
+    executor.reset()
+    for _ in range(3):
+        executor.execute(PLAN)
+    assert told == [(4, True), (0, True), (4, False)]

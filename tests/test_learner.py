@@ -6,7 +6,7 @@ from merap.online.loop.learner import Learner
 from merap.online.loop.messages import Sighting, Transition
 from tests.loop_examples import Told, monitored, seen
 
-START = Sighting(0, seen(0, 0))
+START = Sighting(0, seen(0, 0), 0)
 RIGHT = Transition(0, 0, 4, 1, seen(0, 1))
 ENDED = Transition(0, 1, 0, 81, seen(-1, -1, 10.0, ended=True))
 
@@ -95,7 +95,7 @@ def test_after_a_gap_the_strategy_begins_anew() -> None:
     made: list[Told] = []
     learning = learner(made)
     learning.begin()
-    for news in (START, Sighting(20, seen(2, 2)), Transition(0, 20, 4, 21, seen(2, 3))):
+    for news in (START, Sighting(20, seen(2, 2), 5), Transition(0, 20, 4, 21, seen(2, 3))):
         learning.observe(monitored(None, [news]))
     assert made[0].calls == ["begin [0, 0]", "begin [2, 2]", "4 to [2, 3]"]
 
@@ -104,7 +104,7 @@ def test_an_episode_of_which_nothing_was_seen_is_none() -> None:
     made: list[Told] = []
     learning = learner(made)
     learning.begin()
-    learning.observe(monitored(81, [Sighting(81, seen(-1, -1, ended=True))], last=True))
+    learning.observe(monitored(81, [Sighting(81, seen(-1, -1, ended=True), 2)], last=True))
     assert learning.end() is None
     assert made[0].calls == []
 

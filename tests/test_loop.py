@@ -1,18 +1,29 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from merap.learning.run_folder import RunFolder
+from merap.learning.running import train
+from merap.mdp.model import Bools
+from merap.online.belief.outside import Outside
+from merap.online.belief.space import hypothesis_space
 from merap.online.loop.building import Built, build
-from merap.online.loop.executor import MAX_FAULTS
+from merap.online.loop.executor import MAX_FAULTS, Executor
 from merap.online.loop.loop import Loop
+from merap.online.loop.messages import Analysis, Monitored, Plan
+from merap.online.loop.planner import Planner
+from merap.online.loop.protection import Protection
 from merap.online.loop.records import EpisodeLog
 from merap.online.loop.running import run_loop
+from merap.online.shield.learning_shield import ShieldSettings
 from tests.loop_runs import MOVED, Unsound, doubtful, scenario
-from tests.trained_runs import trained
+from tests.shield_examples import gutter
+from tests.trained_runs import SMALL, trained
 
 EXAMPLE = Path(__file__).parents[1] / "models" / "running-example"
 
@@ -133,3 +144,52 @@ def test_a_shielded_run_never_visits_what_is_unsafe(tmp_path: Path) -> None:
         assert sum(row.completed for row in report.rows) >= 4
     assert visits["with"] == 0
     assert visits["without"] > 0
+
+
+def test_a_replanning_makes_the_shield_forget_what_it_was_sure_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what has arrived last, so that it knows where the system is."""
+    run = trained(tmp_path / "run", case=EXAMPLE)
+    system = "{environment: b_blocked, capability: speed_low, objective: g3, horizon: 18}"
+    text = f"scenario: dark\nsystem: {system}\nepisodes: 4\nstrategy: {{updates: 2}}\n"
+    more = "shield: {threshold: 0}\nchanges: [{at: {episode: 3}, objective: g1}]\n"
+    built = doubtful(run, scenario(tmp_path, text, more))
+    assert built.protection is not None
+    forgotten: list[Monitored] = []
+    monkeypatch.setattr(built.protection, "forget", forgotten.append)
+    logs = episodes(built, 4)
+    replanned = [decision.step for log in logs for decision in log.decisions if decision.kind == "replan"]
+    assert [one.step for one in forgotten] == replanned
+    assert replanned
+
+
+class Eager(Planner):
+    """Takes any action that is allowed, wherever the system is."""
+
+    def plan(self, monitored: Monitored, analysis: Analysis, allowed: Bools) -> Plan:
+        return Plan(int(self._generator.choice(np.flatnonzero(allowed))), "exploration")
+
+
+@pytest.mark.parametrize("sensing", ["{loss: 0.5}", "{delay: 2}"])
+def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path, sensing: str) -> None:
+    """Whoever takes any allowed action crosses once beside the gutter, and twice once it is known to be dry.
+
+    So an episode is violated with a probability of at most 0.19. 300 episodes at the threshold of 0.25 have
+    more than 105 violations once in 20,000; with a new budget after each gap it would be 1 - 0.9^5 = 0.41.
+    """
+    run = train(gutter(tmp_path), tmp_path / "run", SMALL)
+    text = f"scenario: late\nsystem: met\nepisodes: 300\nsensing: {sensing}\n"
+    built = build(run, scenario(tmp_path, text), "random")
+    eager = Eager(built.parts.learner, None, built.parts.punctual, np.random.default_rng(1))
+    space = hypothesis_space(run.case, Outside(slips=(0.05,), odds=(1.0,)))
+    protection = Protection(space, 10, ShieldSettings(0.25))
+    loop = Loop(replace(built.parts, planner=eager, executor=Executor(built.system, protection)))
+    violations = steps = 0
+    for _ in range(300):
+        loop.episode()
+        violations += built.system.tally.unsafe > 0
+        steps += built.system.tally.steps
+    done = protection.as_dict()
+    assert (done["episodes"], done["steps"]) == (300, steps)
+    assert 10 < violations <= 105

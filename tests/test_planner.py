@@ -33,7 +33,7 @@ class Slow(Told):
 
 def ready(strategy: Told) -> Learner:
     learning = Learner(lambda generator: strategy, np.random.default_rng(0))
-    learning.observe(monitored(HERE, [Sighting(HERE, seen(0, 7))]))
+    learning.observe(monitored(HERE, [Sighting(HERE, seen(0, 7), 0)]))
     return learning
 
 

@@ -16,9 +16,10 @@ from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefStrategy
 from merap.online.managed.slip import slipping_model
 from merap.online.running import episode
+from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.shield.models import model_sets
 from merap.online.shield.policy import policy_risk
-from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.shielded_strategy import ShieldedStrategy
 from merap.online.shield.supervision import Safety, Supervised, total, unsafe_of
 from merap.online.strategy import Strategy
 from merap.online.systems import Observation, SimulatedSystem

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from merap.learning.metrics import UpdateMetrics
     from merap.learning.training import Outcome
     from merap.online.adaptation import Adaptation, Spread
-    from merap.online.shield.shielded_strategy import ShieldSettings
+    from merap.online.shield.learning_shield import ShieldSettings
 
 SEED_LIMIT = 2**63
 STRATEGY_HELP = (
@@ -200,7 +200,7 @@ def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | No
         if hazard_prior:
             raise InputError("a prior on hazards needs a shield: give --shield too", source="--hazard-prior")
         return None
-    from merap.online.shield.shielded_strategy import ShieldSettings
+    from merap.online.shield.learning_shield import ShieldSettings
 
     return ShieldSettings(threshold, hazard_prior)
 

@@ -19,7 +19,8 @@ from merap.mdp.model import Floats, TabularMDP
 from merap.online.curve import Range, Run, as_dict, judged, summary
 from merap.online.encounter import UNDISTURBED, Conditions, Encounter, encounter, met_system, supervised
 from merap.online.running import adaptation, evaluator, executed
-from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.learning_shield import ShieldSettings
+from merap.online.shield.shielded_strategy import ShieldedStrategy
 from merap.online.shield.supervision import Safety, total
 from merap.online.strategies.registry import ALL, GRADIENT, PRETRAINED, parse_strategy
 from merap.online.strategy import Strategy

@@ -16,7 +16,8 @@ from merap.mdp.model import Bools, TabularMDP
 from merap.online.curve import Range
 from merap.online.managed.slip import slipping_model
 from merap.online.running import reachable_range
-from merap.online.shield.shielded_strategy import ShieldedStrategy, ShieldSettings
+from merap.online.shield.learning_shield import ShieldSettings
+from merap.online.shield.shielded_strategy import ShieldedStrategy
 from merap.online.shield.supervision import Supervised, unsafe_of
 from merap.online.strategies.registry import StrategyContext, make_strategy
 from merap.online.strategy import Strategy

@@ -33,7 +33,7 @@ from merap.online.loop.sensors import Sensors
 from merap.online.loop.truth import truths
 from merap.online.managed.deadline import Punctual
 from merap.online.managed.guarded import GuardedSystem, Retries
-from merap.online.shield.shielded_strategy import ShieldSettings
+from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem
 from merap.online.trigger.making import make_trigger

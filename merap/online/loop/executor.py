@@ -9,7 +9,7 @@ import math
 
 from merap.errors import InputError, MerapError
 from merap.mdp.model import Bools, Floats
-from merap.online.loop.messages import Analysis, Execution, Monitored, Plan
+from merap.online.loop.messages import Execution, Monitored, Plan
 from merap.online.loop.protection import Protection
 from merap.online.systems import ManagedSystem, Observation
 
@@ -45,16 +45,16 @@ class Executor:
         if self._protection is not None:
             self._protection.observe(monitored)
 
-    def forget(self) -> None:
-        """The domain has changed."""
+    def forget(self, monitored: Monitored) -> None:
+        """The domain has changed; this has arrived last."""
         if self._protection is not None:
-            self._protection.forget()
+            self._protection.forget(monitored)
 
-    def allowed(self, monitored: Monitored, analysis: Analysis) -> Bools:
+    def allowed(self, monitored: Monitored) -> Bools:
         """bool [A], what may be done now, never empty."""
         if self._protection is None:
             return monitored.enabled
-        return self._protection.allowed(monitored, analysis)
+        return self._protection.allowed(monitored)
 
     def mask(self) -> Bools | None:
         """bool [S, A], what may ever be done; None: everything."""
@@ -70,10 +70,16 @@ class Executor:
             observation = self._sound(self._system.step(plan.action))
         except MerapError as error:
             self._faults += 1
+            self._took(plan.action, surely=False)
             return Execution(plan.action, None, str(error), over=self._faults >= MAX_FAULTS)
         self._faults = 0
         taken = plan.action if observation.taken is None else observation.taken
+        self._took(taken, surely=True)
         return Execution(taken, observation)
+
+    def _took(self, action: int, *, surely: bool) -> None:
+        if self._protection is not None:
+            self._protection.took(action, surely=surely)
 
     def _sound(self, observation: Observation) -> Observation:
         """The observation, if it can be used.

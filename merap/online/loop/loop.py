@@ -100,7 +100,7 @@ class Loop:
         analysis = parts.analyzer.analyse(monitored)
         if analysis.replan:
             self._decide(monitored, "replan", analysis.reasons)
-            parts.executor.forget()
+            parts.executor.forget(monitored)
             self._replan()
         self._restrict()
         self._phase = analysis.phase
@@ -133,7 +133,7 @@ class Loop:
 
     def _plan(self, monitored: Monitored, analysis: Analysis) -> Plan:
         parts = self._parts
-        plan = parts.planner.plan(monitored, analysis, parts.executor.allowed(monitored, analysis))
+        plan = parts.planner.plan(monitored, analysis, parts.executor.allowed(monitored))
         if plan.source == "fallback":
             self._decide(monitored, "fallback", (plan.reason,))
         return plan

@@ -63,10 +63,12 @@ class Sighting:
     Attributes:
         state: the state.
         observation: of it.
+        time: so many steps of the episode were over.
     """
 
     state: int
     observation: Observation
+    time: int
 
 
 @dataclass(frozen=True, eq=False)

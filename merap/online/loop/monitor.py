@@ -75,7 +75,7 @@ class Monitor:
 
     def _news(self, sensed: Sensed) -> Transition | Sighting:
         """A transition if the state before was seen too."""
-        sighting = Sighting(self._index(sensed.observation), sensed.observation)
+        sighting = Sighting(self._index(sensed.observation), sensed.observation, sensed.step)
         before, follows = self._seen, self._seen_at == sensed.step - 1
         self._seen, self._seen_at = sighting, sensed.step
         if before is None or not follows:

@@ -11,11 +11,13 @@ over the models: b is a supermartingale. It is never negative, and at least 1 in
 by optional stopping the probability of ever reaching one is at most the first b (Ville's inequality
 for the nonnegative supermartingale b). No action is wanting while b >= rho(s), which each step
 preserves. If b begins below rho(s), no behaviour can promise lambda; then, and when the credible
-models have changed for the worse, only the least risky actions are left. They are reported.
+models have changed for the worse, only the least risky actions are left. They are reported. What is
+done where the system is not seen is in `ledger`.
 
 After a violation the promise is void, and the budget lambda anew: the way back is as careful.
 
-All functions work on any number of episodes side by side (axis B, or none).
+All functions work on any number of episodes side by side (axis B, or none); X states where the system
+may be, in each of them.
 """
 
 from __future__ import annotations
@@ -26,25 +28,26 @@ from merap.mdp.model import Bools, Floats, Ints
 from merap.online.shield.fixpoint import Risk
 
 
-def permitted(risk: Risk, state: Ints | int, budget: Floats | float, enabled: Bools) -> tuple[Bools, Bools]:
+def permitted(risk: Risk, state: Ints, budget: Floats, enabled: Bools) -> tuple[Bools, Bools]:
     """What may be done.
 
     Args:
-        risk: of the steps that remain, [S, A].
-        state: int64 [B].
-        budget: float64 [B].
+        risk: of every step, [S, A].
+        state: int64 [B, X], the states where the system may be.
+        budget: float64 [B, X], what is left if it is there.
         enabled: bool [B, A], not empty.
 
     Returns:
-        bool [B, A], never empty: the enabled actions within the budget or, if there are none, the
-        least risky ones; and bool [B], whether there were none.
+        bool [B, A], never empty: the enabled actions that are within the budget in all the states or,
+        if there are none, those whose largest risk is the least; and bool [B], whether there were none.
     """
     q, certain = risk.of_actions[state], risk.certain[state]
-    left = np.asarray(budget)[..., np.newaxis]
-    within = enabled & (certain | ((left > 0) & (q <= left + risk.residual)))
+    left = budget[..., np.newaxis]
+    within = enabled & np.all(certain | ((left > 0) & (q <= left + risk.residual)), axis=-2)
     none = np.asarray(~within.any(axis=-1))
-    least = np.where(enabled, q, np.inf).min(axis=-1, keepdims=True)
-    least_risky = enabled & (q <= least + risk.residual)
+    worst = q.max(axis=-2)
+    least = np.where(enabled, worst, np.inf).min(axis=-1, keepdims=True)
+    least_risky = enabled & (worst <= least + risk.residual)
     return np.where(none[..., np.newaxis], least_risky, within), none
 
 
@@ -66,6 +69,5 @@ def spent(
         successor: int64 [B].
         budget: float64 [B], before the step.
     """
-    onward = risk.of_states if risk.of_states.ndim == 1 else risk.of_states[1]
-    left = onward[successor] + np.maximum(budget - risk.of_actions[state, action], 0.0)
+    left = risk.of_states[successor] + np.maximum(budget - risk.of_actions[state, action], 0.0)
     return np.where(risk.unsafe[successor], threshold, left)

@@ -174,7 +174,8 @@ class _Round:
             place = guide.group[active] * self.true.num_states + state[active]
             allowed = system.choice[state[active]] >= 0
             if guide.risk is not None:
-                allowed, none = permitted(guide.risk, place, budget[active], allowed)
+                left = budget[active, np.newaxis]
+                allowed, none = permitted(guide.risk, place[:, np.newaxis], left, allowed)
                 fallbacks += int(none.sum())
             planned = guide.plan[:, guide.chosen[active], t, state[active]]
             action = self._action(allowed, planned, uniform[:2, active])

@@ -97,6 +97,11 @@ class OutcomeSets:
         """int64 [S + 1], the choices of each state."""
         return pointers_of(np.bincount(self.choice // self.num_actions, minlength=self.num_states))
 
+    @property
+    def acting(self) -> Bools:
+        """bool [S], an episode can go on there: some credible model has an action."""
+        return np.asarray(np.diff(self.state_pointers) > 0)
+
     def table(self, of_choices: npt.NDArray[Scalar], missing: Scalar | float) -> npt.NDArray[Scalar]:
         """[S, A] of [C]; `missing` where no credible model has the action."""
         dense = np.full(self.num_states * self.num_actions, missing, dtype=of_choices.dtype)

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
-from merap.online.shield.budget import permitted, spent
-from merap.online.shield.fixpoint import Risk, robust_risk
+from merap.online.shield.budget import permitted
+from merap.online.shield.fixpoint import robust_risk
+from merap.online.shield.ledger import Charge, Ledger
 from merap.online.shield.outcomes import OutcomeSets
 
 
@@ -27,9 +28,11 @@ class ShieldReport:
         episodes: how many began.
         steps: how many actions were asked for.
         beyond_from_start: episodes that began where no behaviour can promise lambda.
-        fallbacks: steps in which no action was within the budget, and the least risky were left.
+        fallbacks: steps in which no action was within the budget wherever the system might be, and the
+            least risky were left.
         withheld: enabled actions that were not allowed, over all steps.
-        worst_risk: the largest risk Q(s, a) of an action that was taken.
+        worst_risk: the largest risk Q(s, a) of an action that was taken, in any state where the system
+            might be.
         changes: how often the credible models have changed.
     """
 
@@ -47,96 +50,87 @@ class ShieldReport:
         return asdict(self)
 
 
-class Shield(Protocol):
-    """Says what may be done. The order of calls: `begin`, then `allowed` and `took` in turns."""
-
-    def begin(self, state: int) -> None:
-        """An episode begins."""
-
-    def allowed(self, state: int, enabled: Bools) -> Bools:
-        """bool [A], never empty, of the enabled actions bool [A]."""
-
-    def took(self, action: int, state: int) -> None:
-        """An action was taken and led to a state."""
-
-    def refresh(self) -> None:
-        """What is credible may have changed."""
-
-    def report(self) -> ShieldReport:
-        """What was done so far."""
-
-
 class RobustShield:
-    """A shield with a budget over whatever models are credible; see `fixpoint` and `budget`.
+    """A shield with a budget over whatever models are credible; see `fixpoint`, `budget` and `ledger`.
+
+    The order of calls: `begin`, and `seen` where the system is; then `allowed` and `took` in turns, and
+    `shown`, `seen` and `refresh` when anything arrives.
 
     Args:
         outcomes: what each action may lead to under the models credible now; the same object as
             long as they are the same.
         threshold: lambda, in [0, 1].
-        horizon: T: only the steps of an episode count; None: of ever.
 
     Raises:
         InputError: the threshold is no probability.
     """
 
-    def __init__(
-        self, outcomes: Callable[[], OutcomeSets], threshold: float, horizon: int | None = None
-    ) -> None:
+    def __init__(self, outcomes: Callable[[], OutcomeSets], threshold: float) -> None:
         if not 0 <= threshold <= 1:
             raise InputError(f"the threshold of a shield must be in [0, 1], it is {threshold}")
         self.threshold = threshold
-        self.horizon = horizon
         self._outcomes = outcomes
         self.outcomes = outcomes()
-        self.risk = robust_risk(self.outcomes, horizon)
+        self.risk = robust_risk(self.outcomes)
+        self._ledger = Ledger(threshold, self.outcomes)
         self._counts = dict.fromkeys(
             ("episodes", "steps", "beyond_from_start", "fallbacks", "withheld", "changes"), 0
         )
         self._worst = 0.0
-        self._state, self._time = -1, 0
-        self._decided = self.risk_now
-        self.budget = threshold
 
     @property
-    def risk_now(self) -> Risk:
-        """The risk of the steps that remain."""
-        return self.risk.at(self._time)
+    def budgets(self) -> Floats:
+        """float64 [S], what is left if the system is there now; infinite where it can't be."""
+        return self._ledger.budgets
 
-    def begin(self, state: int) -> None:
-        """An episode begins, with the whole budget."""
-        self._state, self._time, self.budget = state, 0, self.threshold
+    def begin(self) -> None:
+        """An episode begins, with the whole budget; the system has not been seen yet."""
+        self._ledger.begin(self.outcomes)
         self._counts["episodes"] += 1
-        least = self.risk.of_states if self.risk.of_states.ndim == 1 else self.risk.of_states[0]
-        self._decided = self.risk_now
-        self._counts["beyond_from_start"] += bool(least[state] > self.threshold + self.risk.residual)
 
-    def allowed(self, state: int, enabled: Bools) -> Bools:
-        """bool [A], never empty."""
-        self._decided = self.risk_now
-        mask, beyond = permitted(self._decided, state, self.budget, enabled)
+    def shown(self, enabled: Bools) -> None:
+        """What is enabled now, bool [A]."""
+        self._ledger.show(enabled, self.outcomes)
+
+    def seen(self, state: int, time: int | None = None) -> None:
+        """Where the system was after so many actions of the episode; None: where it is."""
+        self._ledger.see(state, self._ledger.time if time is None else time, self.risk.unsafe)
+
+    def allowed(self, enabled: Bools) -> Bools:
+        """bool [A], never empty: of the enabled actions bool [A] those that are safe enough."""
+        states = self._ledger.states(self.risk.unsafe)
+        mask, beyond = permitted(self.risk, states, self.budgets[states], enabled)
+        least = self.risk.of_states[states]
+        if self._ledger.time == 0 and np.any(least > self.threshold + self.risk.residual):
+            self._counts["beyond_from_start"] += 1
         self._counts["steps"] += 1
         self._counts["fallbacks"] += bool(beyond)
         self._counts["withheld"] += int(np.count_nonzero(enabled & ~mask))
         return mask
 
-    def took(self, action: int, state: int) -> None:
-        """An action was taken and led to a state.
+    def took(self, action: int, *, surely: bool = True) -> None:
+        """An action was executed, or may have been.
 
-        It is charged what it risked when it was allowed: what the step itself has taught comes after.
+        It is charged what it risked when it was allowed: what the step itself teaches comes after.
         """
-        now = self._decided
-        self._worst = max(self._worst, float(now.of_actions[self._state, action]))
-        self.budget = float(spent(now, self.threshold, self._state, action, state, self.budget))
-        self._state = state
-        self._time += 1
+        states = self._ledger.states(self.risk.unsafe)
+        self._worst = max(self._worst, float(self.risk.of_actions[states, action].max()))
+        self._ledger.charge(Charge(action, surely, self.risk, self.outcomes))
 
-    def refresh(self) -> None:
-        """Solve again if other models are credible now; the budget stays what it is."""
+    def refresh(self) -> bool:
+        """Solve again if other models are credible now, whether they are; the budget stays what it is."""
         outcomes = self._outcomes()
-        if outcomes is not self.outcomes:
-            self.outcomes = outcomes
-            self.risk = robust_risk(outcomes, self.horizon)
-            self._counts["changes"] += 1
+        if outcomes is self.outcomes:
+            return False
+        self.outcomes = outcomes
+        self.risk = robust_risk(outcomes)
+        self._counts["changes"] += 1
+        return True
+
+    def renew(self) -> None:
+        """The domain has changed: `refresh`, and charge what is not settled by what is credible now."""
+        self.refresh()
+        self._ledger.renew(self.risk, self.outcomes)
 
     def report(self) -> ShieldReport:
         """What was done so far."""

@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
-
-import numpy as np
 
 from merap.mdp.model import Bools, Floats
 from merap.online.belief.space import HypothesisSpace
-from merap.online.shield.policy import masked_policy, planning_mask
-from merap.online.shield.shield import RobustShield, ShieldReport
-from merap.online.shield.watch import Watch
+from merap.online.shield.learning_shield import LearningShield, ShieldSettings
+from merap.online.shield.shield import ShieldReport
 from merap.online.strategy import Strategy
 from merap.online.systems import Observation
-
-
-@dataclass(frozen=True)
-class ShieldSettings:
-    """How a strategy is shielded.
-
-    Attributes:
-        threshold: lambda, on the probability of ever reaching an unsafe state in an episode.
-        hazard_prior: see `hazards`.
-    """
-
-    threshold: float
-    hazard_prior: float = 0.0
 
 
 @runtime_checkable
@@ -62,10 +45,8 @@ class ShieldedStrategy:
         settings: ShieldSettings,
     ) -> None:
         self._strategy = strategy
-        self._watch = Watch(space, settings.hazard_prior)
-        self._shield = RobustShield(self._watch.outcomes, settings.threshold)
-        self._horizon = horizon
-        self._start = np.append(space.initial, 0.0)
+        self._shield = LearningShield(space, horizon, settings)
+        self._steps = 0
         self._restrict()
 
     @property
@@ -75,20 +56,21 @@ class ShieldedStrategy:
 
     def begin(self, observation: Observation) -> None:
         """An episode begins."""
-        self._watch.begin(observation)
-        self._start = (np.arange(len(self._start)) == self._watch.state) * 1.0
+        self._steps = 0
+        self._shield.begin()
+        self._shield.sighted(0, observation)
         self._refresh()
-        self._shield.begin(self._watch.state)
         self._strategy.begin(observation)
 
     def act(self, allowed: Bools) -> int:
         """The strategy's next action, among those within the budget."""
-        return self._strategy.act(self._shield.allowed(self._watch.state, allowed))
+        return self._strategy.act(self._shield.allowed(allowed))
 
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
-        self._watch.observe(action, observation)
-        self._shield.took(action, self._watch.state)
+        self._steps += 1
+        self._shield.took(action)
+        self._shield.stepped(self._steps, action, observation)
         self._refresh()
         self._strategy.observe(action, observation)
 
@@ -98,15 +80,7 @@ class ShieldedStrategy:
 
     def policy(self) -> Floats:
         """The strategy's policy within a mask that keeps the threshold; see `policy`."""
-        policy = self._strategy.policy()
-        return masked_policy(
-            self._shield.outcomes,
-            self._shield.risk,
-            policy,
-            self._start,
-            self._shield.threshold,
-            self._horizon,
-        )
+        return self._shield.masked(self._strategy.policy())
 
     def explain(self) -> tuple[str, ...]:
         """What the strategy says, and what the shield did."""
@@ -114,9 +88,9 @@ class ShieldedStrategy:
         line = (
             f"shield at {done.threshold:g}: {done.withheld} actions withheld in {done.steps} steps, "
             f"{done.fallbacks} steps with nothing within the budget; least risk from the start "
-            f"{float(self._start @ self._shield.risk.of_states):.3g}"
+            f"{self._shield.least_risk:.3g}"
         )
-        unexplained = self._watch.belief.unexplained
+        unexplained = self._shield.belief.unexplained
         if unexplained:
             line += f"; {unexplained} observations that no hypothesis explains, so that nothing is promised"
         return (*self._strategy.explain(), line)
@@ -126,12 +100,10 @@ class ShieldedStrategy:
         return self._shield.report()
 
     def _refresh(self) -> None:
-        before = self._shield.outcomes
-        self._shield.refresh()
-        if self._shield.outcomes is not before:
+        if self._shield.refresh():
             self._restrict()
 
     def _restrict(self) -> None:
         """A planner keeps to what an episode's whole budget could allow in one step."""
         if isinstance(self._strategy, Restrictable):
-            self._strategy.restrict(planning_mask(self._shield.risk, self._shield.threshold))
+            self._strategy.restrict(self._shield.mask)
