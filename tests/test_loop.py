@@ -181,14 +181,14 @@ def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path
     run = train(gutter(tmp_path), tmp_path / "run", SMALL)
     text = f"scenario: late\nsystem: met\nepisodes: 300\nsensing: {sensing}\n"
     built = build(run, scenario(tmp_path, text), "random")
-    eager = Eager(built.parts.learner, None, built.parts.punctual, np.random.default_rng(1))
+    eager = Eager(built.parts.learner, None, built.parts.punctual, np.random.default_rng(1), {})
     space = hypothesis_space(run.case, Outside(slips=(0.05,), odds=(1.0,)))
     protection = Protection(space, 10, ShieldSettings(0.25))
     loop = Loop(replace(built.parts, planner=eager, executor=Executor(built.system, protection)))
     violations = steps = 0
     for _ in range(300):
         loop.episode()
-        violations += built.system.tally.unsafe > 0
+        violations += bool(built.system.tally.unsafe)
         steps += built.system.tally.steps
     done = protection.as_dict()
     assert (done["episodes"], done["steps"]) == (300, steps)

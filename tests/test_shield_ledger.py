@@ -188,7 +188,7 @@ FORK: Sets = {
 
 def test_what_is_not_seen_is_charged_at_its_worst_and_settled_later() -> None:
     world = place(FORK, 0.5)
-    hidden = [Saw(0, 0), Took(0), Took(1)]
+    hidden: list[Event] = [Saw(0, 0), Took(0), Took(1)]
     # 0.1 in state 1, 0.4 in state 2; which it was is told by where it is.
     assert world.ledger(hidden).budgets[1] == pytest.approx(0.4)
     assert world.ledger(hidden).budgets[2] == pytest.approx(0.1)

@@ -52,8 +52,10 @@ class Protection:
         self._shield.refresh()
 
     def forget(self, monitored: Monitored) -> None:
-        """The domain has changed: of what is known only what was seen last is left."""
-        self._shield.forget(monitored.news[-1].observation)
+        """The domain has changed: of what is known only what has arrived now is left."""
+        observation = monitored.news[-1].observation if monitored.news else None
+        self._begun = observation is not None
+        self._shield.forget(observation)
 
     def allowed(self, monitored: Monitored) -> Bools:
         """bool [A], never empty: what is enabled and safe enough wherever the system may be."""

@@ -93,13 +93,14 @@ class LearningShield:
         """Solve again if other models are credible now; whether they are."""
         return self._shield.refresh()
 
-    def forget(self, observation: Observation) -> None:
-        """The domain has changed: everything is credible again, but for what this observation says.
+    def forget(self, observation: Observation | None) -> None:
+        """The domain has changed: everything is credible again, but for what an observation says now.
 
         The budget of the episode stays spent.
         """
         self._watch = Watch(self._space, self._settings.hazard_prior)
-        self._watch.begin(observation)
+        if observation is not None:
+            self._watch.begin(observation)
         self._shield.renew()
 
     def allowed(self, enabled: Bools) -> Bools:
