@@ -60,8 +60,9 @@ class Told:
         self.action, self.episodes_per_update, self.shape = action, episodes_per_update, shape
         self.calls: list[str] = []
 
-    def begin(self, observation: Observation) -> None:
-        self.calls.append(f"begin {observation.valuation[:2].tolist()}")
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        how = f"{'resumed ' if resumed else ''}at {time} in " if time or resumed else ""
+        self.calls.append(f"begin {how}{observation.valuation[:2].tolist()}")
 
     def act(self, allowed: Bools) -> int:
         assert allowed[self.action]

@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +12,16 @@ from merap.base.build import model_of
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats, TabularMDP
+from merap.online.belief import strategy as module
 from merap.online.belief.explanation import summarise
-from merap.online.belief.planning import Plan, Refined
+from merap.online.belief.model import DomainModel
+from merap.online.belief.planning import Plan, Refined, plan
 from merap.online.belief.posterior import Belief
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefSettings, BeliefStrategy
 from merap.online.curve import Run
 from merap.online.running import adapted, evaluator, reachable_range
+from merap.online.strategy import StateIndex
 from merap.online.systems import Observation, SimulatedSystem
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -139,3 +143,52 @@ def test_every_way_to_explore_acts_on_allowed_actions_alone(exploration: str) ->
         observation = met.step(action)
         strategy.observe(action, observation)
     strategy.update()
+
+
+def test_after_a_gap_it_plans_for_the_steps_that_remain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And where the system is then is not where policies start."""
+    _, space, system, model = prepared("paper-grid/rq1-1.yaml")
+    horizon = system.objective.horizon
+    planned: list[int] = []
+    starts: list[int] = []
+
+    def noted(model: DomainModel, steps: int, *others: Any, **named: Any) -> Plan:
+        planned.append(steps)
+        return plan(model, steps, *others, **named)
+
+    def judged(belief: Belief, best: Plan, policy: Floats, start: Floats) -> Refined:
+        starts.append(int(start.argmax()))
+        return Refined(None, 0.0, 1.0)
+
+    monkeypatch.setattr(module, "plan", noted)
+    strategy = BeliefStrategy(space, horizon, np.random.default_rng(0), refine=judged)
+    met = SimulatedSystem(model, horizon, np.random.default_rng(0))
+    first = met.reset()
+    strategy.begin(first)
+    for _ in range(5):
+        later = met.step(met.actions.index("right"))
+    assert later.valuation.tolist() != first.valuation.tolist()
+    planned.clear()
+    strategy.begin(later, 5, resumed=True)
+    assert set(planned) == {horizon - 5}
+    strategy.update()
+    start = StateIndex(space.valuations)(first)
+    assert starts == [start, start]
+
+
+def test_beyond_its_horizon_it_goes_on_as_in_the_last_step() -> None:
+    """The system's episodes are three times as long; after a gap it may be late already."""
+    case = load_case(MODELS / "running-example")
+    strategy = BeliefStrategy(hypothesis_space(case), 3, np.random.default_rng(0))
+    system = SimulatedSystem(case.system("met"), 10, np.random.default_rng(1))
+    observation, steps = system.reset(), 0
+    strategy.begin(observation)
+    while not observation.last:
+        action = strategy.act(observation.enabled)
+        assert observation.enabled[action]
+        observation, steps = system.step(action), steps + 1
+        if steps == 6:
+            strategy.begin(observation, steps, resumed=True)
+        else:
+            strategy.observe(action, observation)
+    assert steps == 10

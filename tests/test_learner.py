@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from merap.online.loop.learner import Learner
 from merap.online.loop.messages import Sighting, Transition
@@ -81,23 +82,35 @@ def test_an_adapted_policy_is_kept_but_what_was_seen_of_the_domain_is_doubted() 
         assert ["revise" in one.calls for one in made] == ([False, False] if restart else [True])
 
 
-def test_a_replanning_amid_an_episode_begins_where_the_system_is() -> None:
+@pytest.mark.parametrize("restart", [True, False])
+def test_a_replanning_amid_an_episode_begins_where_the_system_is(restart: bool) -> None:
+    """Nothing is resumed: what was seen before it is dropped with the strategy, or by it."""
     made: list[Told] = []
-    learning = learner(made)
+    learning = learner(made, restart=restart)
     learning.begin()
     learning.observe(monitored(0, [START]))
     learning.replan()
     learning.observe(monitored(1, [RIGHT]))
-    assert made[1].calls == ["begin [0, 1]"]
+    assert made[-1].calls[-1] == "begin at 1 in [0, 1]"
 
 
-def test_after_a_gap_the_strategy_begins_anew() -> None:
+def test_after_a_gap_the_strategy_goes_on_at_the_time_that_it_is() -> None:
     made: list[Told] = []
     learning = learner(made)
     learning.begin()
-    for news in (START, Sighting(20, seen(2, 2), 5), Transition(0, 20, 4, 21, seen(2, 3))):
+    for news in (START, Sighting(20, seen(2, 2), 5), Transition(5, 20, 4, 21, seen(2, 3))):
         learning.observe(monitored(None, [news]))
-    assert made[0].calls == ["begin [0, 0]", "begin [2, 2]", "4 to [2, 3]"]
+    assert made[0].calls == ["begin [0, 0]", "begin resumed at 5 in [2, 2]", "4 to [2, 3]"]
+
+
+def test_an_episode_whose_beginning_was_not_seen_does_not_go_on_with_the_one_before() -> None:
+    made: list[Told] = []
+    learning = learner(made, per_update=2)
+    learning.begin()
+    learning.observe(monitored(0, [START]))
+    learning.begin()
+    learning.observe(monitored(20, [Sighting(20, seen(2, 2), 3)]))
+    assert made[0].calls == ["begin [0, 0]", "begin at 3 in [2, 2]"]
 
 
 def test_an_episode_of_which_nothing_was_seen_is_none() -> None:

@@ -102,8 +102,8 @@ class Slow:
     def episodes_per_update(self) -> int:
         return self._strategy.episodes_per_update
 
-    def begin(self, observation: Observation) -> None:
-        self._strategy.begin(observation)
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        self._strategy.begin(observation, time, resumed=resumed)
 
     def act(self, allowed: Bools) -> int:
         if next(self._calls) % 5 == 0:

@@ -91,6 +91,16 @@ def test_reactive_goes_on_to_the_next_model_when_an_episode_went_badly(earned: f
     assert first_action(strategy) == expected
 
 
+def test_reactive_counts_what_was_earned_before_a_gap() -> None:
+    strategy = reactive()
+    assert first_action(strategy) == RIGHT
+    strategy.observe(RIGHT, on_grid(0, 1, -9.0))
+    strategy.begin(on_grid(0, 1, 0.0), 3, resumed=True)
+    strategy.observe(RIGHT, on_grid(0, 2, 8.5))
+    strategy.update()
+    assert first_action(strategy) == DOWN
+
+
 def test_reactive_tries_the_models_in_turn() -> None:
     strategy, found = reactive(), []
     for _ in range(4):

@@ -71,6 +71,7 @@ def test_after_a_gap_a_state_is_sighted_and_no_transition_made_up() -> None:
     assert not gap.last
     after = watching.observe(Execution(RIGHT, seen(0, 2)))
     assert (news(after), after.state, after.since, after.problems) == ([(2,)], 2, (), ())
+    assert [one.time for one in after.news] == [2]
 
 
 def test_a_state_that_the_case_does_not_have_counts_as_not_seen() -> None:

@@ -22,7 +22,7 @@ class Fixed:
         self.action, self.episodes_per_update = action, episodes_per_update
         self.calls: list[str] = []
 
-    def begin(self, observation: Observation) -> None:
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
         assert observation.reward == 0
         self.calls.append("begin")
 

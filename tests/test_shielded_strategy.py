@@ -42,7 +42,7 @@ class Reckless:
         self._generator = generator
         self._shape = (space.num_states + 1, len(space.actions))
 
-    def begin(self, observation: Observation) -> None:
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
         pass
 
     def act(self, allowed: Bools) -> int:

@@ -47,6 +47,19 @@ def test_a_policy_by_time_is_played_by_time() -> None:
     assert played(policy) == [2, 1] * 9
 
 
+def test_after_a_gap_it_goes_on_at_the_time_that_it_is() -> None:
+    policy = np.zeros((HORIZON, MODEL.num_states, 5))
+    policy[:5, :, 2] = 1  # down
+    policy[5:, :, 1] = 1  # up
+    strategy = FixedStrategy(policy, MODEL.valuations, np.random.default_rng(0), "because")
+    first = SimulatedSystem(MODEL, HORIZON, np.random.default_rng(0)).reset()
+    found = []
+    for time in (0, 4, 5):
+        strategy.begin(first, time, resumed=time > 0)
+        found.append(strategy.act(first.enabled))
+    assert found == [2, 2, 1]
+
+
 def test_after_its_last_step_a_policy_stays_with_it() -> None:
     policy = np.zeros((2, MODEL.num_states, 5))
     policy[0, :, 2] = policy[1, :, 3] = 1

@@ -105,6 +105,47 @@ def test_a_step_is_that_on_the_known_model(model: TabularMDP, exploration: float
     assert np.abs(found - start[:, :-1]).max() > 1e-3
 
 
+def with_gap(system: Recorder, strategy: GradientStrategy, gap: set[int]) -> None:
+    """An episode in which the steps at some times are not seen."""
+    observation, time = system.reset(), 0
+    strategy.begin(observation)
+    while not observation.last:
+        if time - 1 in gap and time not in gap:
+            strategy.begin(observation, time, resumed=True)
+        seen = time not in gap
+        action = strategy.act(observation.enabled) if seen else int(observation.enabled.argmax())
+        observation = system.step(action)
+        if seen:
+            strategy.observe(action, observation)
+        time += 1
+
+
+def test_a_gap_leaves_an_episode_one() -> None:
+    """Steps that were not seen are inactive and earn nothing; those after them stay at their times."""
+    model = ring_models()[0]
+    tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
+    meta = meta_policy(tasks, 0, 0.3)
+    strategy = GradientStrategy(meta, model.valuations, 2, np.random.default_rng(0))
+    system, gap = Recorder(model, RING_HORIZON, 0), {1, 2}
+    for _ in range(2):
+        with_gap(system, strategy, gap)
+    assert all(len(steps) > 4 for steps in system.episodes)
+    seen = as_episodes(system.episodes, RING_HORIZON)
+    kept = seen.active & torch.tensor([time not in gap for time in range(RING_HORIZON)])
+    strategy.update()
+    known = sampled_step(
+        meta.network,
+        stack_parameters(meta.parameters, 1),
+        meta.step_sizes,
+        tasks.enabled,
+        Episodes(seen.state, seen.action, seen.reward * kept, kept),
+        meta.rule,
+        meta.variance,
+    )
+    for name, value in strategy.parameters.items():
+        np.testing.assert_allclose(value, known.parameters[name][0], atol=1e-5)
+
+
 def test_it_acts_by_the_policy_with_exploration() -> None:
     model = ring_models()[0]
     tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)

@@ -13,6 +13,7 @@ from merap.mdp.model import TabularMDP
 from merap.online.running import adapted, evaluator, reachable_range
 from merap.online.strategies.fixed import optimal_policy
 from merap.online.strategies.retrieval import FitSettings, RetrievalStrategy
+from merap.online.strategy import StateIndex
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
 
@@ -116,3 +117,15 @@ def test_which_actions_are_enabled_speaks_for_a_case() -> None:
     strategy.begin(observed((0, 0), 0.0))
     strategy.update()
     assert strategy.explain()[0] == "plays more, of 1 cases that fit best"
+
+
+def test_after_a_gap_the_retrieved_policy_goes_on_at_the_time_that_it_is() -> None:
+    """In the last step the goal, two steps away, is out of reach: any action costs the same."""
+    model = grid_model(grid_task((0, 2)))
+    strategy = retrieval([model], HORIZON, DISCOUNT)
+    best = strategy.policy()
+    number = StateIndex(model.valuations)(observed((0, 0), 0.0))
+    assert (best[0, number] != best[HORIZON - 1, number]).any()
+    for time in (0, HORIZON - 1):
+        strategy.begin(observed((0, 0), 0.0), time, resumed=time > 0)
+        assert strategy.act(np.ones(5, dtype=np.bool_)) == best[time, number].argmax()

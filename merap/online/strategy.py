@@ -20,16 +20,22 @@ from merap.online.systems import Observation
 class Strategy(Protocol):
     """Acts, learns from what it sees, and says what it would do if it learned no more.
 
-    The order of calls: `begin`, then `act` and `observe` until the episode is over, and `update`
-    after every `episodes_per_update` episodes.
+    The order of calls: `begin`, then `act` and `observe` until the episode is over, with another `begin`
+    after each gap in what is seen, and `update` after every `episodes_per_update` episodes.
     """
 
     @property
     def episodes_per_update(self) -> int:
         """How many real episodes a policy update takes."""
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins, is first seen, or goes on after steps that were not seen.
+
+        Args:
+            observation: where the system is.
+            time: so many steps of the episode are over.
+            resumed: it is the episode that was told of last.
+        """
 
     def act(self, allowed: Bools) -> int:
         """The next action, exploration included.

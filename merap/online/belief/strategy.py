@@ -111,12 +111,13 @@ class BeliefStrategy:
         self.update()
         self._acting, self._planned_at, self._learned = self._plan, 0, 0.0
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on; only its first state is where policies start."""
         self._tried = None
-        self._state, self._time = self._index(observation), 0
-        self._start = np.zeros(self._space.num_states)
-        self._start[self._state] = 1.0
+        self._state, self._time = self._index(observation), time
+        if time == 0:
+            self._start = np.zeros(self._space.num_states)
+            self._start[self._state] = 1.0
         self.belief = observe_presence(self._space, self.belief, self._state)
         self._look(observation)
         self._replan()
@@ -128,10 +129,11 @@ class BeliefStrategy:
             self.belief = observe_detections(self._space, self.belief, observation.detections)
 
     def act(self, allowed: Bools) -> int:
-        """The next action."""
+        """The next action; later than T the last step's."""
         if self.belief.learned - self._learned > WORTH_REPLANNING:
             self._replan()
-        return best_allowed(self._acting.ranked[self._time - self._planned_at, self._state], allowed)
+        now = min(self._time - self._planned_at, len(self._acting.ranked) - 1)
+        return best_allowed(self._acting.ranked[now, self._state], allowed)
 
     def revise(self) -> None:
         """Begin with a mixture of the prior and of what was believed; see `remembering`."""
@@ -152,8 +154,8 @@ class BeliefStrategy:
         return replace(model, enabled=np.where(left.any(axis=0), left, model.enabled))
 
     def _replan(self) -> None:
-        """For the steps that remain."""
-        remaining = self._horizon - self._time
+        """For the steps that remain, one at least."""
+        remaining = max(self._horizon - self._time, 1)
         self._planned_at, self._learned = self._time, self.belief.learned
         if self._settings.exploration == "thompson":
             model = self._restricted(sampled_model(self._space, self.belief, self._generator))

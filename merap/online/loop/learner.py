@@ -69,13 +69,14 @@ class Learner:
         self._begun = self._observed = False
 
     def observe(self, monitored: Monitored) -> None:
-        """Take in what has arrived; after a gap the strategy begins anew where the system was seen."""
+        """Take in what has arrived; after a gap the strategy goes on where the system was seen."""
         for news in monitored.news:
             if isinstance(news, Transition) and self._begun:
                 self._strategy.observe(news.action, news.observation)
                 self._observed = True
             elif not news.observation.last:
-                self._strategy.begin(news.observation)
+                time = news.time + isinstance(news, Transition)
+                self._strategy.begin(news.observation, time, resumed=self._begun)
                 self._begun = True
 
     def act(self, allowed: Bools) -> int:

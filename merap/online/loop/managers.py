@@ -57,8 +57,8 @@ class RandomStrategy:
         self._shape = shape
         self._generator = generator
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on."""
 
     def act(self, allowed: Bools) -> int:
         """Any of the allowed actions."""
@@ -112,10 +112,11 @@ class ReactiveStrategy:
         policy = optimal_policy(model, self._horizon)
         self._fixed = FixedStrategy(policy, model.valuations, self._generator, self._names[self._taken])
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
-        self._total = 0.0
-        self._fixed.begin(observation)
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on."""
+        if not resumed:
+            self._total = 0.0
+        self._fixed.begin(observation, time)
 
     def act(self, allowed: Bools) -> int:
         """The action of the policy that is tried."""

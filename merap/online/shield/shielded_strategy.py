@@ -54,8 +54,9 @@ class ShieldedStrategy:
         """That of the strategy."""
         return self._strategy.episodes_per_update
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins; for one with gaps see `loop.protection`, which is told of all actions."""
+        assert time == 0, "the shield was not told of the steps before"
         self._steps = 0
         self._shield.begin()
         self._shield.sighted(0, observation)

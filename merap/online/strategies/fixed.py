@@ -40,9 +40,9 @@ class FixedStrategy:
         self._reason = reason
         self._state, self._time = -1, 0
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
-        self._state, self._time = self._number(observation), 0
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on."""
+        self._state, self._time = self._number(observation), time
 
     def act(self, allowed: Bools) -> int:
         """An action drawn from the policy, among those allowed."""

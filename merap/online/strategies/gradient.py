@@ -31,6 +31,7 @@ VARIANCE_MEMORY = 20
 
 @dataclass(frozen=True)
 class _Step:
+    time: int
     state: int
     action: int
     reward: float
@@ -79,7 +80,7 @@ class GradientStrategy:
         self._enabled[-1] = False
         self._restriction = np.ones_like(self._enabled)
         self._episodes: list[list[_Step]] = []
-        self._state = -1
+        self._state, self._time = -1, 0
         self._last_returns: tuple[float, ...] = ()
         self._updates = 0
         self._behaviour = self._exploring()
@@ -89,9 +90,11 @@ class GradientStrategy:
         """Of the policy after the steps so far."""
         return {name: value[0] for name, value in self._parameters.items()}
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
-        self._episodes.append([])
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on; what a gap in it has earned counts as nothing."""
+        if not resumed:
+            self._episodes.append([])
+        self._time = time
         self._look(observation)
 
     def restrict(self, mask: Bools) -> None:
@@ -105,7 +108,8 @@ class GradientStrategy:
 
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
-        self._episodes[-1].append(_Step(self._state, action, observation.reward))
+        self._episodes[-1].append(_Step(self._time, self._state, action, observation.reward))
+        self._time += 1
         self._look(observation)
 
     def update(self) -> None:
@@ -178,14 +182,16 @@ class GradientStrategy:
         return self._variance + (seen - self._variance) / min(self._updates, VARIANCE_MEMORY)
 
     def _sampled(self) -> Episodes:
-        """The episodes side by side, padded to the longest."""
+        """The episodes side by side, every step at its time, padded to the longest."""
         steps = [step for episode in self._episodes for step in episode]
-        lengths = np.array([len(episode) for episode in self._episodes])
-        active = np.arange(lengths.max()) < lengths[:, np.newaxis]
+        number = np.repeat(np.arange(len(self._episodes)), [len(episode) for episode in self._episodes])
+        time = np.array([step.time for step in steps])
+        active = np.zeros((len(self._episodes), time.max() + 1), dtype=np.bool_)
+        active[number, time] = True
 
         def padded(values: list[int] | list[float], dtype: torch.dtype) -> Tensor:
             table = torch.zeros(active.shape, dtype=dtype)
-            table[torch.from_numpy(active)] = torch.tensor(values, dtype=dtype)
+            table[number, time] = torch.tensor(values, dtype=dtype)
             return table.unsqueeze(0)
 
         return Episodes(

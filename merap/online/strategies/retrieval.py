@@ -87,10 +87,10 @@ class RetrievalStrategy:
         self._retrieved = -1
         self._retrieve()
 
-    def begin(self, observation: Observation) -> None:
-        """An episode begins."""
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on."""
         self._look(observation)
-        self._time = 0
+        self._time = time
 
     def act(self, allowed: Bools) -> int:
         """The retrieved case's best action, or any where it has none that is allowed."""
