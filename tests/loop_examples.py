@@ -39,6 +39,9 @@ class Doubtful:
 
     def __init__(self) -> None:
         self.readings: list[Reading] = []
+        # the number of readings before each
+        self.gaps: list[int] = []
+        self.ends: list[int] = []
         self.replannings = 0
 
     def observe(self, reading: Reading) -> Alarm | None:
@@ -46,6 +49,13 @@ class Doubtful:
         if reading.log_likelihood > math.log(1e-3):
             return None
         return Alarm("change", reading.log_likelihood, math.log(1e-3), "what happened was held impossible")
+
+    def missed(self) -> None:
+        self.gaps.append(len(self.readings))
+
+    def episode_over(self) -> Alarm | None:
+        self.ends.append(len(self.readings))
+        return None
 
     def replanned(self) -> None:
         self.replannings += 1

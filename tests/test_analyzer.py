@@ -14,6 +14,7 @@ from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.loop.analyzer import PATIENCE, Analyzer
 from merap.online.loop.messages import AdaptedPolicy, Sighting, Transition
 from merap.online.strategies.fixed import optimal_policy
+from merap.online.trigger.trigger import Alarm
 from tests.loop_examples import Doubtful, monitored, seen
 from tests.trained_runs import grid_case
 
@@ -47,6 +48,13 @@ def no_entry(space: HypothesisSpace, analyzer: Analyzer) -> list[str]:
     """The capabilities that are left."""
     weights = capabilities(space, analyzer)
     return [name for name, mass in zip(space.capability_names, weights, strict=True) if mass > 0.1]
+
+
+class AtTheEnd(Doubtful):
+    """A trigger that alarms at the end of an episode."""
+
+    def episode_over(self) -> Alarm | None:
+        return Alarm("threshold", -1.0, 0.0, "it earned too little")
 
 
 def bumped(space: HypothesisSpace, trigger: Doubtful | None = None, *, forget: bool = True) -> Analyzer:
@@ -91,7 +99,47 @@ def test_readings_hold_what_is_seen_against_the_model(space: HypothesisSpace) ->
     assert reading.expected_reward == pytest.approx(-0.5)
     assert reading.reward == -0.5
     assert -0.1 < reading.log_likelihood < 0
-    assert not reading.last
+    assert (trigger.gaps, trigger.ends) == ([], [])
+
+
+def test_the_trigger_is_told_of_every_end_and_of_what_was_not_seen(space: HypothesisSpace) -> None:
+    """Right twice, in four episodes: seen whole, with the state between lost, given up, and seen again."""
+    trigger = Doubtful()
+    analyzer = Analyzer(space, HORIZON, 3, trigger)
+    analyzer.settle(STILL)
+    first, second = step((0, 0), RIGHT, (0, 1)), replace(step((0, 1), RIGHT, (0, 2)), time=1)
+    begun = monitored(cell(0, 0), [Sighting(cell(0, 0), seen(0, 0))])
+
+    def after(number: int, *news: Transition | Sighting, last: bool = False) -> None:
+        analyzer.analyse(monitored(None, news, step=number, last=last))
+
+    analyzer.analyse(begun)
+    after(1, first)
+    after(2, second, last=True)
+    assert (len(trigger.readings), trigger.gaps, trigger.ends) == (2, [], [2])
+    analyzer.analyse(begun)
+    after(1)
+    after(2, Sighting(cell(0, 2), seen(0, 2)), last=True)
+    assert (len(trigger.readings), trigger.gaps, trigger.ends) == (2, [2], [2, 2])
+    analyzer.analyse(begun)
+    after(1, first)
+    after(2)
+    after(3)
+    after(4, last=True)
+    assert (len(trigger.readings), trigger.gaps, trigger.ends) == (3, [2, 3], [2, 2, 3])
+    analyzer.analyse(monitored(None))  # what the reset answered was lost
+    after(1, Sighting(cell(0, 1), seen(0, 1)))
+    after(2, second, last=True)
+    assert (len(trigger.readings), trigger.gaps, trigger.ends) == (4, [2, 3, 3], [2, 2, 3, 4])
+
+
+def test_an_alarm_at_the_end_of_an_episode_needs_no_news(space: HypothesisSpace) -> None:
+    """The last step is lost; what was seen before is reason enough."""
+    analyzer = Analyzer(space, HORIZON, 3, AtTheEnd())
+    analyzer.settle(STILL)
+    assert not analyzer.analyse(monitored(cell(0, 1), [step((0, 0), RIGHT, (0, 1))], step=1)).replan
+    analysis = analyzer.analyse(monitored(None, step=2, last=True))
+    assert (analysis.replan, analysis.phase) == (True, "adapting")
 
 
 def test_an_alarm_makes_the_analyzer_start_anew(space: HypothesisSpace) -> None:

@@ -34,12 +34,12 @@ def episode(system: SimulatedSystem, forecast: Forecast, trigger: Trigger) -> Al
         action = int(before().policy[t, here].argmax())
         observation = system.step(action)
         there = number(observation)
-        reading = forecast.read_step(t, here, action, there, observation.reward, last=observation.last)
+        reading = forecast.read_step(t, here, action, there, observation.reward)
         found = found or trigger.observe(reading)
         here = there
         if observation.last:
             break
-    return found
+    return found or trigger.episode_over()
 
 
 def episodes_until_alarm(trigger: Trigger, after: Combination, seed: int) -> int:

@@ -15,11 +15,11 @@ from merap.online.trigger.readings import Readings
 from merap.online.trigger.settings import ChangeSettings, WindowSettings
 from merap.online.trigger.trigger import Trigger
 from merap.online.trigger.window import WindowTrigger
-from tests.trigger_examples import random_readings
+from tests.trigger_examples import alarms, random_readings, take_in
 
 
 def step_by_step(trigger: Trigger, readings: Readings) -> int | None:
-    return next((step for step in range(len(readings)) if trigger.observe(readings[step]) is not None), None)
+    return next(iter(alarms(trigger, readings)), None)
 
 
 @settings(max_examples=60, deadline=None)
@@ -57,7 +57,7 @@ def test_cumulated_sums_and_recursions_agree(
     trigger = ChangeTrigger(detector)
     evidence = []
     for step in range(len(readings)):
-        trigger.observe(readings[step])
+        take_in(trigger, readings[step], last=bool(readings.last[step]))
         evidence.append(trigger.evidence)
     np.testing.assert_allclose(traced.evidence, evidence, rtol=1e-9, atol=1e-9)
     assert first_alarm(traced, detector) == step_by_step(ChangeTrigger(detector), readings)
@@ -81,6 +81,6 @@ def test_windows_of_a_stream(steps: int | None, sliding: bool) -> None:
     chosen = WindowSettings(threshold=-2.0, discount=0.9, steps=steps, sliding=sliding)
     ends, rewards = window_rewards(chosen, readings)
     trigger = WindowTrigger(chosen)
-    alarms = [step for step in range(300) if trigger.observe(readings[step]) is not None]
-    assert ends[rewards < -2.0].tolist() == alarms
-    assert len(alarms) > 3 or steps == 500
+    found = alarms(trigger, readings)
+    assert ends[rewards < -2.0].tolist() == found
+    assert len(found) > 3 or steps == 500

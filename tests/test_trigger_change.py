@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from merap.online.trigger.change import ChangeTrigger, Totals, estimated_loss
 from merap.online.trigger.settings import ChangeSettings
 from merap.online.trigger.trigger import Reading
-from tests.trigger_examples import random_readings, reading
+from tests.trigger_examples import random_readings, reading, take_in
 
 SETTINGS = ChangeSettings(noise=1.0, cooldown=0)
 EPISODE = 5
@@ -21,14 +21,19 @@ EPISODE = 5
 
 def episode(ratio: float = 1.0, gain: float = 0.0, reward: float = 0.0) -> list[Reading]:
     """Five steps; what each of them says."""
-    return [reading(reward, ratio=ratio, gain=gain, last=step == EPISODE - 1) for step in range(EPISODE)]
+    return [reading(reward, ratio=ratio, gain=gain) for _ in range(EPISODE)]
 
 
-def run(trigger: ChangeTrigger, readings: list[Reading]) -> list[int]:
-    """The steps with an alarm; after each of them a new policy is there."""
+def run(trigger: ChangeTrigger, readings: list[Reading], length: int | None = EPISODE) -> list[int]:
+    """The steps with an alarm, in episodes of that length; after each alarm a new policy is there."""
+    last = [length is not None and step % length == length - 1 for step in range(len(readings))]
+    return run_with_ends(trigger, readings, last)
+
+
+def run_with_ends(trigger: ChangeTrigger, readings: list[Reading], last: list[bool]) -> list[int]:
     alarms = []
     for step, one in enumerate(readings):
-        if trigger.observe(one) is not None:
+        if take_in(trigger, one, last=last[step]) is not None:
             alarms.append(step)
             trigger.replanned()
     return alarms
@@ -45,9 +50,10 @@ def test_the_alarm_says_why() -> None:
     trigger = ChangeTrigger(SETTINGS)
     for one in episode(ratio=0.8):
         trigger.observe(one)
-    alarm = None
+    assert trigger.episode_over() is None
     for one in episode(ratio=1e6, gain=-1.0):
-        alarm = trigger.observe(one)
+        assert trigger.observe(one) is None
+    alarm = trigger.episode_over()
     assert alarm is not None
     assert alarm.kind == "change"
     assert alarm.threshold == pytest.approx(math.log(1e6))
@@ -59,10 +65,7 @@ def test_the_alarm_says_why() -> None:
 def test_a_change_that_costs_nothing_is_no_reason() -> None:
     """The model is wrong beyond doubt, gains cancel out within the episode."""
     trigger = ChangeTrigger(SETTINGS)
-    balanced = [
-        reading(ratio=1e6, gain=-1.0 if step < 2 else 2 / 3, last=step == EPISODE - 1)
-        for step in range(EPISODE)
-    ]
+    balanced = [reading(ratio=1e6, gain=-1.0 if step < 2 else 2 / 3) for step in range(EPISODE)]
     assert run(trigger, balanced * 40) == []
     assert trigger.suspicious
 
@@ -134,7 +137,7 @@ def test_no_stream_gets_around_cool_down_and_budget(
     limits = {"budget": budget, "budget_steps": budget_steps, "cooldown": cooldown, "max_evidence": 30.0}
     trigger = ChangeTrigger(SETTINGS.model_copy(update=limits))
     readings = random_readings(np.random.default_rng(seed), 250, level=2.0, drift=-2.0)
-    alarms = run(trigger, [readings[step] for step in range(250)])
+    alarms = run_with_ends(trigger, [readings[step] for step in range(250)], readings.last.tolist())
     ends = np.flatnonzero(readings.last).tolist()
     assert set(alarms) <= set(ends)
     places = [ends.index(step) for step in alarms]
@@ -146,7 +149,40 @@ def test_no_stream_gets_around_cool_down_and_budget(
 def test_an_episode_without_end_is_judged_all_the_same() -> None:
     settings = SETTINGS.model_copy(update={"longest": 7})
     endless = [reading(ratio=1e6, gain=-1.0) for _ in range(20)]
-    assert run(ChangeTrigger(settings), endless) == [6, 13]
+    assert run(ChangeTrigger(settings), endless, None) == [6, 13]
+
+
+def test_an_episode_that_lasts_as_long_as_is_waited_for_ends_once() -> None:
+    """The cool-down of two episodes passes in two, not in one that is over twice."""
+    trigger = ChangeTrigger(SETTINGS.model_copy(update={"longest": EPISODE, "cooldown": 2, "budget": 9}))
+    bad = [one for _ in range(7) for one in episode(ratio=1e6, gain=-1.0)]
+    assert run(trigger, bad) == [4, 19, 34]
+
+
+def test_what_an_episode_may_lose_does_not_depend_on_whether_its_last_step_was_seen() -> None:
+    """1 is tolerated; each loses 0.8. With 2 standard deviations two episodes in one would be told."""
+    settings = SETTINGS.model_copy(update={"deviations": 2.0})
+    whole, cut = ChangeTrigger(settings), ChangeTrigger(settings)
+    for _ in range(4):
+        for one in episode(ratio=1e6, gain=-0.2)[:-1]:
+            assert whole.observe(one) is None
+            assert cut.observe(one) is None
+        assert whole.observe(reading(ratio=1e6)) is None
+        cut.missed()
+        assert whole.episode_over() is None
+        assert cut.episode_over() is None
+    assert cut.suspicious
+
+
+def test_an_episode_of_which_nothing_was_seen_counts_as_none() -> None:
+    trigger = ChangeTrigger(SETTINGS.model_copy(update={"cooldown": 2, "budget": 9}))
+    bad = episode(ratio=1e6, gain=-1.0)
+    assert run(trigger, bad) == [EPISODE - 1]
+    for _ in range(5):
+        trigger.missed()
+        assert trigger.episode_over() is None
+    # two more are to pass
+    assert run(trigger, bad * 3) == [3 * EPISODE - 1]
 
 
 def test_re_planning_forgets_the_evidence() -> None:

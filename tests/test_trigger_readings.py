@@ -165,7 +165,7 @@ def test_a_state_that_the_model_does_not_reach_says_nothing_of_transitions() -> 
 def test_one_reading_is_a_row_of_all() -> None:
     many = read(2, 0, RIGHT, [1, 0, 9])
     for index, target in enumerate([1, 0, 9]):
-        assert many[index] == FORECAST.read_step(2, 0, RIGHT, target, -0.5, last=False)
+        assert many[index] == FORECAST.read_step(2, 0, RIGHT, target, -0.5)
     assert len(many) == 3
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from merap.mdp.model import Floats
 from merap.online.trigger.readings import Readings
-from merap.online.trigger.trigger import Reading
+from merap.online.trigger.trigger import Alarm, Reading, Trigger
 
 
 def reading(
@@ -17,7 +17,6 @@ def reading(
     *,
     ratio: float = 1.0,
     gain: float = 0.0,
-    last: bool = False,
     policy_value: float = 10.0,
 ) -> Reading:
     """A step at one place whose successor is `ratio` times as likely under each watched change."""
@@ -31,8 +30,23 @@ def reading(
         gain=gain,
         gain_variance=0.01,
         policy_value=policy_value,
-        last=last,
     )
+
+
+def take_in(trigger: Trigger, one: Reading, *, last: bool) -> Alarm | None:
+    """A step, and the end of the episode if it is the last one; the alarm that either gives."""
+    alarm = trigger.observe(one)
+    over = trigger.episode_over() if last else None
+    return alarm or over
+
+
+def alarms(trigger: Trigger, readings: Readings) -> list[int]:
+    """The steps with an alarm, the trigger left to go on."""
+    return [
+        step
+        for step in range(len(readings))
+        if take_in(trigger, readings[step], last=bool(readings.last[step])) is not None
+    ]
 
 
 def random_readings(generator: np.random.Generator, length: int, *, level: float, drift: float) -> Readings:

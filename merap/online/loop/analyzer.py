@@ -32,7 +32,7 @@ from merap.online.running import executed
 from merap.online.systems import Observation
 from merap.online.trigger.readings import Forecast, Steps
 from merap.online.trigger.settings import ChangeSettings
-from merap.online.trigger.trigger import Alarm, Trigger
+from merap.online.trigger.trigger import Alarm, Reading, Trigger
 
 # An adaptation goes on while an update's episodes change the belief by more nats than that.
 QUIET = 0.1
@@ -74,6 +74,7 @@ class Analyzer:
         self._settings = settings or ChangeSettings()
         self._forget = forget
         self._forecast: Forecast | None = None
+        self._watched = 0
         self._phase: Phase = "adapting"
         self.belief = prior_belief(space)
         self._rivals = Rivals(space)
@@ -176,24 +177,28 @@ class Analyzer:
         return Analysis(self._phase, where, replan=True, reasons=(alarm.reason,))
 
     def _watch(self, monitored: Monitored) -> Alarm | None:
-        """The first alarm that the news give."""
-        seen = [news for news in monitored.news if isinstance(news, Transition)]
-        if self._trigger is None or self._forecast is None or not seen:
+        """The first alarm that the news give, or the end of the episode."""
+        if self._trigger is None or self._forecast is None:
             return None
-        steps = Steps(
-            time=np.array([one.time for one in seen]),
-            state=np.array([one.state for one in seen]),
-            action=np.array([one.action for one in seen]),
-            target=np.array([one.target for one in seen]),
-            reward=np.array([one.observation.reward for one in seen]),
-            last=np.array([one.observation.last for one in seen]),
-        )
-        readings = self._forecast.read(steps)
-        for index in range(len(readings)):
-            alarm = self._trigger.observe(readings[index])
+        if monitored.step == 0:
+            self._watched = 0
+        seen = [news for news in monitored.news if isinstance(news, Transition)]
+        for one, reading in zip(seen, _readings(self._forecast, seen), strict=True):
+            self._missed_before(one.time)
+            self._watched = one.time + 1
+            alarm = self._trigger.observe(reading)
             if alarm is not None:
                 return alarm
-        return None
+        if not monitored.last:
+            return None
+        self._missed_before(monitored.step)
+        return self._trigger.episode_over()
+
+    def _missed_before(self, step: int) -> None:
+        """Tell the trigger, if not all steps before this one were seen whole."""
+        assert self._trigger is not None
+        if step > self._watched:
+            self._trigger.missed()
 
     def _learn(self, news: Transition | Sighting) -> None:
         self.belief = self._taken_in(self.belief, news)
@@ -224,6 +229,22 @@ class Analyzer:
         begin = self._space.initial if monitored.seen is None else np.eye(completed)[monitored.seen]
         where[:-1] = _predicted(self.model, begin, monitored.since)
         return where
+
+
+def _readings(forecast: Forecast, seen: Sequence[Transition]) -> list[Reading]:
+    """Steps that were seen whole, held against the model."""
+    if not seen:
+        return []
+    steps = Steps(
+        time=np.array([one.time for one in seen]),
+        state=np.array([one.state for one in seen]),
+        action=np.array([one.action for one in seen]),
+        target=np.array([one.target for one in seen]),
+        reward=np.array([one.observation.reward for one in seen]),
+        last=np.array([one.observation.last for one in seen]),
+    )
+    readings = forecast.read(steps)
+    return [readings[index] for index in range(len(readings))]
 
 
 def _predicted(model: DomainModel, begin: Floats, actions: Sequence[int]) -> Floats:

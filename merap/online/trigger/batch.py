@@ -1,7 +1,8 @@
 """The triggers on whole streams of readings at once: what `bench.py trigger` measures.
 
 A second route to what `change.ChangeTrigger` and `window.WindowTrigger` do step by step: cumulated sums
-instead of recursions. Cool-down and budget belong to a loop and are left out.
+instead of recursions. Every step was seen, and the last one of an episode is marked in place of
+`Trigger.episode_over`. Cool-down and budget belong to a loop and are left out.
 
 Axes: M steps of a stream, K kinds of change, H ways in which one place may change, J ends of episodes or
 windows.

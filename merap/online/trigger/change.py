@@ -100,7 +100,8 @@ class ChangeTrigger:
     """Detects a change that costs value, with hysteresis, cool-down and a budget of re-plannings.
 
     A suspicion begins when the evidence passes the threshold and lasts until it falls well below; only
-    under suspicion losses are judged.
+    under suspicion losses are judged. A missed step is neither evidence nor loss, and an episode of which
+    no step was seen counts as none.
 
     Args:
         settings: of the detector.
@@ -126,19 +127,23 @@ class ChangeTrigger:
         return self._suspicious
 
     def observe(self, reading: Reading) -> Alarm | None:
-        """Take in a step; an alarm when an episode ends that a change has made worse."""
+        """Take in a step; an alarm when an episode that a change has made worse lasts too long."""
         self._clock += 1
+        self._policy_value = reading.policy_value
         self._add_evidence(reading)
-        ended = self._add_to_totals(reading)
+        self._add_to_totals(reading)
         if self.evidence >= self._threshold:
             self._suspicious = True
         elif self.evidence < self._settings.release * self._threshold:
             self._suspicious = False
-        if not ended:
-            return None
-        ready = self._cooldown == 0 and self._within_budget()
-        self._cooldown = max(self._cooldown - 1, 0)
-        return self._judge(reading.policy_value) if ready and self._suspicious else None
+        return self._ended() if self._since_end >= self._settings.longest else None
+
+    def missed(self) -> None:
+        """Nothing is known of it, so nothing is concluded."""
+
+    def episode_over(self) -> Alarm | None:
+        """An alarm if a change has made the episode worse."""
+        return self._ended() if self._since_end > 0 else None
 
     def replanned(self) -> None:
         """Forget what was held against the old model; the cool-down begins and the budget shrinks."""
@@ -153,7 +158,16 @@ class ChangeTrigger:
         self._totals = Totals()
         self._starts = [self._totals] * self._kinds
         self._since_end = 0
+        self._policy_value = 0.0
         self._suspicious = False
+
+    def _ended(self) -> Alarm | None:
+        """An episode has ended, or has lasted so long that it is judged."""
+        self._since_end = 0
+        self._totals = replace(self._totals, episodes=self._totals.episodes + 1)
+        ready = self._cooldown == 0 and self._within_budget()
+        self._cooldown = max(self._cooldown - 1, 0)
+        return self._judge(self._policy_value) if ready and self._suspicious else None
 
     def _within_budget(self) -> bool:
         while self._used and self._used[0] <= self._clock - self._settings.budget_steps:
@@ -175,22 +189,16 @@ class ChangeTrigger:
             self._starts[kind] = self._totals
         self._sums = np.maximum(self._sums, 0.0) + evidence
 
-    def _add_to_totals(self, reading: Reading) -> bool:
-        """Whether an episode has ended, or has lasted so long that it is judged."""
+    def _add_to_totals(self, reading: Reading) -> None:
         self._since_end += 1
-        ended = reading.last or self._since_end >= self._settings.longest
-        if ended:
-            self._since_end = 0
         totals = self._totals
         self._totals = replace(
             totals,
             steps=totals.steps + 1,
-            episodes=totals.episodes + ended,
             gain=totals.gain + reading.gain,
             gain_variance=totals.gain_variance + reading.gain_variance,
             residual=totals.residual + reading.reward - reading.expected_reward,
         )
-        return ended
 
     def _judge(self, policy_value: float) -> Alarm | None:
         part = self._totals.since(self._starts[int(np.argmax(self._sums))])

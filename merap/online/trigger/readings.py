@@ -51,7 +51,7 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """M readings as arrays; the attributes are those of `Reading`.
+    """M readings as arrays, no step missed; the attributes are those of `Reading`.
 
     Attributes:
         reward: float64 [M].
@@ -63,7 +63,7 @@ class Readings:
         gain: float64 [M].
         gain_variance: float64 [M].
         policy_value: the same for all.
-        last: bool [M].
+        last: bool [M], the episode is over with it.
     """
 
     reward: Floats
@@ -101,7 +101,6 @@ class Readings:
             gain=float(self.gain[index]),
             gain_variance=float(self.gain_variance[index]),
             policy_value=self.policy_value,
-            last=bool(self.last[index]),
         )
 
 
@@ -160,9 +159,7 @@ class Forecast:
             last=steps.last,
         )
 
-    def read_step(
-        self, time: int, state: int, action: int, target: int, reward: float, *, last: bool
-    ) -> Reading:
+    def read_step(self, time: int, state: int, action: int, target: int, reward: float) -> Reading:
         """Hold one step against the model; the arguments are those of `Steps`."""
         steps = Steps(
             time=np.array([time]),
@@ -170,7 +167,7 @@ class Forecast:
             action=np.array([action]),
             target=np.array([target]),
             reward=np.array([reward]),
-            last=np.array([last]),
+            last=np.array([False]),
         )
         return self.read(steps)[0]
 

@@ -21,7 +21,6 @@ class Reading:
             as long as the model holds. V and Q are the policy's values under the model.
         gain_variance: of the gain, under the model.
         policy_value: what an episode is worth, under the model.
-        last: the episode is over.
     """
 
     reward: float
@@ -33,7 +32,6 @@ class Reading:
     gain: float
     gain_variance: float
     policy_value: float
-    last: bool
 
 
 @dataclass(frozen=True)
@@ -54,10 +52,20 @@ class Alarm:
 
 
 class Trigger(Protocol):
-    """Decides when to re-plan, step by step."""
+    """Decides when to re-plan, step by step.
+
+    It is told of each step, in order, that it was seen whole or that it was not, and of the end of each
+    episode, seen or not.
+    """
 
     def observe(self, reading: Reading) -> Alarm | None:
         """Take in a step; an alarm if it is time to re-plan."""
+
+    def missed(self) -> None:
+        """Steps follow of which neither the reward nor where they led is known."""
+
+    def episode_over(self) -> Alarm | None:
+        """No more steps of this episode follow; an alarm if it is time to re-plan."""
 
     def replanned(self) -> None:
         """A new policy is carried out from now on, and readings are held against a new model."""
