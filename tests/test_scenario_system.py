@@ -171,3 +171,19 @@ def test_left_out_an_episode_begins_as_the_system_says(tmp_path: Path) -> None:
     lasting = ScenarioSystem(found, read.spec.noise, read.spec.reset, np.random.default_rng(0))
     played(lasting, [RIGHT, RIGHT, STOP])
     assert lasting.reset().valuation[:2].tolist() == [0, 2]
+
+
+def test_where_episodes_last_what_is_possible_is_so_from_where_they_begin(
+    case: CaseStudy, tmp_path: Path
+) -> None:
+    """The goal (0, 2) is two steps from the start; the second episode begins there."""
+    lasting = system(case, tmp_path, "{episode: 7}", "{episode: 8}", reset="none")
+    found = []
+    for actions in ([RIGHT, RIGHT, STOP], [STOP]):
+        played(lasting, actions)
+        found.append(lasting.truth.reachable.optimum)
+    assert found == [9.0, 10.0]
+    back = system(case, tmp_path, "{episode: 7}", "{episode: 8}", reset="return_to_start")
+    for actions in ([RIGHT, RIGHT, STOP], [RIGHT, RIGHT, STOP]):
+        played(back, actions)
+        assert back.truth.reachable.optimum == 9.0

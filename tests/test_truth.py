@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
@@ -43,3 +44,26 @@ def test_who_never_visits_a_hole_does_not_mind_that_it_ends_the_task(system: Com
     ending = replace(system, objective=replace(system.objective, ends_in=Condition(at=unsafe)))
     assert truth(ending, 0.0).safe_optimum == pytest.approx(truth(system, 0.0).safe_optimum)
     assert truth(ending, 0.0).reachable.optimum != pytest.approx(truth(system, 0.0).reachable.optimum)
+
+
+@pytest.mark.parametrize("threshold", [None, 0.0, 0.05])
+def test_from_where_it_starts_anyway_nothing_is_different(
+    system: Combination, threshold: float | None
+) -> None:
+    found = truth(system, threshold, 0.1)
+    (start,) = np.flatnonzero(found.model.initial)
+    there = found.starting(int(start))
+    assert there.reachable == found.reachable
+    assert there.discounted_optimum == found.discounted_optimum
+    assert (there.safe_optimum is None) == (threshold is None)
+    if threshold is not None:
+        assert there.safe_optimum == pytest.approx(found.safe_optimum)
+
+
+def test_from_the_goal_stopping_is_all_that_is_left(system: Combination) -> None:
+    """`met` has its goal in the corner (5, 6), where stopping earns 20."""
+    there = truth(system, 0.0).starting(5 * 7 + 6)
+    assert there.reachable.optimum == pytest.approx(20)
+    assert there.safe_optimum == pytest.approx(20)
+    stop = np.tile(np.eye(5)[0], (there.model.num_states, 1))
+    assert there.value(stop) == pytest.approx(20)

@@ -79,6 +79,7 @@ class EpisodeLog:
 class EpisodeRow:
     """An episode as the report shows it; what is really there comes from the scenario.
 
+    Where an episode begins where the last one ended, values are those of an episode from there.
     Of a system that is not simulated nobody knows what is there: optima, `expected`, `entered` and `unsafe`
     are None, and returns are as they were received.
 

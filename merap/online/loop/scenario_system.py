@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from merap.online.loop.scenario import Moment, Stage
 from merap.online.loop.scenario_schema import NoiseSpec
 from merap.online.loop.truth import Truth
 from merap.online.systems import Observation, SimulatedSystem
+
+# Places of which is remembered what is possible from there.
+LASTING = 64
 
 
 class ScenarioSystem:
@@ -45,6 +49,9 @@ class ScenarioSystem:
             system, system.objective.horizon, of_system, slip=noise.slip, detect=True, reset=reset
         )
         self._goes_to_start = reset == "episodes"
+        self._lasts = reset == "none"
+        self._begun: int | None = None
+        self._lasting = lru_cache(maxsize=LASTING)(lambda number, place: truths[number].starting(place))
         self._noise = noise.reward
         self._generator = generator
         self._number = 0
@@ -79,8 +86,10 @@ class ScenarioSystem:
 
     @property
     def truth(self) -> Truth:
-        """What is really there now."""
-        return self._truths[self._number]
+        """What is really there now, for an episode that begins where this one did."""
+        if self._begun is None:
+            return self._truths[self._number]
+        return self._lasting(self._number, self._begun)
 
     def begin(self, episode: int) -> None:
         """The episode with this number begins, whether or not its reset gets here, and how often.
@@ -100,7 +109,10 @@ class ScenarioSystem:
             self._episode += 1
         self.tally = Tally()
         self._switch(goes_to_start=self._goes_to_start)
-        return self._system.reset()
+        observation = self._system.reset()
+        if self._lasts:
+            self._begun = self._system.standing
+        return observation
 
     def step(self, action: int) -> Observation:
         """Take an action."""
@@ -117,12 +129,13 @@ class ScenarioSystem:
 
     def _count(self, observation: Observation) -> None:
         before = self.tally
-        discount = self.truth.stage.system.discount
+        now = self._truths[self._number]
+        discount = now.stage.system.discount
         self.tally = Tally(
             steps=before.steps + 1,
             earned=before.earned + observation.reward,
             discounted=before.discounted + discount**before.steps * observation.reward,
-            unsafe=(before.unsafe or 0) + int(self.truth.unsafe[self._system.standing]),
+            unsafe=(before.unsafe or 0) + int(now.unsafe[self._system.standing]),
             completed=observation.continuation == 0,
         )
 
@@ -159,7 +172,7 @@ class ScenarioSystem:
         try:
             self._number, self._episode = int(snapshot["stage"]), int(snapshot["episode"])
             self.tally = Tally(**snapshot["tally"])
-            self._system.switch(self.truth.stage.system)
+            self._system.switch(self._truths[self._number].stage.system)
             self._system.restore(snapshot["system"])
             self._generator.bit_generator.state = snapshot["generator"]
         except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -6,13 +6,14 @@ Axes: S states of the canonical index, the completed state is the last; P locati
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import attach
+from merap.concerns.synthesis import attach, attach_everywhere
 from merap.mdp.evaluation import expected_return
+from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.online.curve import Range
@@ -34,8 +35,10 @@ class Truth:
         reachable: undiscounted returns of the best and the worst time-indexed policy.
         discounted_optimum: of the best time-indexed policy.
         unsafe: bool [P * Q], by location and mode.
-        safe_optimum: undiscounted return of the best policy within the shield's threshold, if the
-            model is known; None: there is no shield.
+        slip: probability that an action does nothing.
+        threshold: of the shield; None: there is none.
+        safe_optimum: undiscounted return of the best policy within the threshold, if the model is known;
+            None: there is no shield.
     """
 
     stage: Stage
@@ -43,12 +46,18 @@ class Truth:
     reachable: Range
     discounted_optimum: float
     unsafe: Bools
+    slip: float
+    threshold: float | None
     safe_optimum: float | None
 
     def value(self, policy: Floats) -> float:
         """What a policy, float64 [S, A] or [T, S, A], is worth: its expected undiscounted return."""
         horizon = self.stage.system.objective.horizon
         return expected_return(self.model, executed(self.model, policy), horizon)
+
+    def starting(self, place: int) -> Truth:
+        """The same for an episode that begins in location p and mode q, where `place` is p * Q + q."""
+        return _truth(self.stage, self.slip, self.threshold, place)
 
 
 def truths(stages: Sequence[Stage], slip: float, threshold: float | None = None) -> tuple[Truth, ...]:
@@ -65,9 +74,11 @@ def truths(stages: Sequence[Stage], slip: float, threshold: float | None = None)
     return tuple(_truth(stage, slip, threshold) for stage in stages)
 
 
-def _truth(stage: Stage, slip: float, threshold: float | None) -> Truth:
+def _truth(stage: Stage, slip: float, threshold: float | None, place: int | None = None) -> Truth:
     system, objective = stage.system, stage.system.objective
     model = slipping_model(system, slip)
+    if place is not None:
+        model = replace(model, initial=_certainly(place, model.num_states))
     unsafe = unsafe_of(system)
     nowhere = np.zeros(model.num_states - 1, dtype=np.bool_)
     return Truth(
@@ -76,13 +87,27 @@ def _truth(stage: Stage, slip: float, threshold: float | None) -> Truth:
         reachable=Range(optimum(model, objective.horizon), worst_value(model, objective.horizon)),
         discounted_optimum=optimum(model, objective.horizon, system.discount),
         unsafe=nowhere if unsafe is None else unsafe,
-        safe_optimum=None if threshold is None else _safe_optimum(system, slip, threshold),
+        slip=slip,
+        threshold=threshold,
+        safe_optimum=None if threshold is None else _safe_optimum(system, slip, threshold, place),
     )
 
 
-def _safe_optimum(system: Combination, slip: float, threshold: float) -> float:
+def _safe_optimum(system: Combination, slip: float, threshold: float, place: int | None) -> float:
     """On the whole states: the canonical index does not tell where a task was completed."""
-    whole = attach(slipping_pair(system, slip), system)
+    pair = slipping_pair(system, slip)
+    if place is None:
+        whole = attach(pair, system)
+    else:
+        everywhere = attach_everywhere(pair, system)
+        initial = _certainly(2 * place, everywhere.num_states)
+        whole = restrict_to_reachable(replace(everywhere, initial=initial))
     nowhere = np.zeros(whole.num_states, dtype=np.bool_)
     unsafe = whole.labels.get(UNSAFE_LABEL, nowhere)
     return constrained_optimum(whole, unsafe, threshold, system.objective.horizon)
+
+
+def _certainly(state: int, num_states: int) -> Floats:
+    initial = np.zeros(num_states)
+    initial[state] = 1.0
+    return initial
