@@ -11,10 +11,10 @@ import pytest
 from scipy.stats import binomtest
 
 from merap.concerns.case_study import load_case
+from merap.experiments.shield_exploration import Habits, explore, rate_limit
 from merap.experiments.shield_quality import SETTINGS, shield_figures
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import TabularMDP
-from merap.online.shield.exploration import Habits, explore, rate_limit
 from tests.mdp_examples import make_mdp
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merap.errors import EngineError, ModelError
-from merap.mdp.reachability import bounded_reachability, reachability
 from merap.mdp.umb import write_umb
 from merap.online.shield import fixpoint
 from merap.online.shield.fixpoint import robust_risk
@@ -46,11 +45,10 @@ def test_a_minute_risk_is_no_certainty() -> None:
     sets = make_sets(
         {0: {0: [{1: 1e-200, 3: 1.0}]}, 1: {0: [{2: 1e-200, 3: 1.0}]}, 3: {0: [{3: 1.0}]}}, {2}, num_states=4
     )
-    for horizon in (None, 2):
-        risk = robust_risk(sets, horizon).at(0)
-        assert not risk.certain[0, 0]
-        assert risk.of_actions[0, 0] > 0
-        assert risk.certain[3, 0]
+    risk = robust_risk(sets)
+    assert not risk.certain[0, 0]
+    assert risk.of_actions[0, 0] > 0
+    assert risk.certain[3, 0]
 
 
 def test_an_action_that_may_be_disabled_is_not_relied_on() -> None:
@@ -75,17 +73,6 @@ def test_storm_agrees_on_a_single_model(tmp_path: Path, seed: int) -> None:
     here = mdp.reachable
     np.testing.assert_allclose(risk.of_states[here], storm[here], atol=1e-9)
     assert np.array_equal(risk.of_states[here] == 0, storm[here] == 0)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_dynamic_programming_agrees_within_a_horizon(seed: int) -> None:
-    mdp = random_mdp(np.random.default_rng(seed), num_states=15)
-    sets = model_sets([mdp], mdp.labels["target"]).outcomes(np.ones(1, dtype=np.bool_))
-    risk = robust_risk(sets, horizon=7)
-    expected = bounded_reachability(mdp, mdp.labels["target"], 7, maximise=False)
-    np.testing.assert_allclose(risk.of_states[0][mdp.reachable], expected[mdp.reachable], atol=1e-12)
-    ever = reachability(mdp, mdp.labels["target"], maximise=False)
-    assert np.all(risk.of_states[0][mdp.reachable] <= ever.upper[mdp.reachable] + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(25))

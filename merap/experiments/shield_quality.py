@@ -13,8 +13,8 @@ from merap.base.build import canonical
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.concerns.synthesis import synthesise
+from merap.experiments.shield_exploration import Episodes, Habits, explore
 from merap.mdp.model import TabularMDP
-from merap.online.shield.exploration import Episodes, Habits, explore
 
 ROBOTS = 500
 

@@ -52,9 +52,9 @@ class Risk:
     """What any behaviour risks at least, under the worst of the credible models.
 
     Attributes:
-        of_states: float64 [S] or, by time, [T + 1, S]: rho.
-        of_actions: float64 [S, A] or [T, S, A]: Q; 1 where no credible model has the action.
-        certain: bool, as `of_actions`: exactly where Q is 0.
+        of_states: float64 [S], rho.
+        of_actions: float64 [S, A], Q; 1 where no credible model has the action.
+        certain: bool [S, A], exactly where Q is 0.
         unsafe: bool [S].
         residual: by how much the values contradict the equations at most.
     """
@@ -65,29 +65,17 @@ class Risk:
     unsafe: Bools
     residual: float
 
-    def at(self, time: int) -> Risk:
-        """The risk of the steps that remain at a time."""
-        if self.of_states.ndim == 1:
-            return self
-        step = min(time, len(self.of_actions) - 1)
-        return Risk(
-            self.of_states[step : step + 2], self.of_actions[step], self.certain[step], self.unsafe, 0.0
-        )
 
-
-def robust_risk(sets: OutcomeSets, horizon: int | None = None, precision: float = PRECISION) -> Risk:
+def robust_risk(sets: OutcomeSets, precision: float = PRECISION) -> Risk:
     """Solve the equations above.
 
     Args:
         sets: what each action may lead to.
-        horizon: T: of reaching an unsafe state within so many steps; None: of ever.
         precision: of the residual.
 
     Raises:
         EngineError: the residual stays above the precision.
     """
-    if horizon is not None:
-        return _within(sets, horizon)
     risky = sets.unsafe
     while True:
         of_choices = _choices_risky(sets, risky)
@@ -135,21 +123,6 @@ def _swept(sets: OutcomeSets, risky: Bools, values: Floats) -> tuple[Floats, Flo
     """float64 [S], what the states' values become, and float64 [C], those of the choices."""
     q = choice_risk(sets, values)
     return np.where(risky, np.maximum(state_risk(sets, q), TINY), 0.0), q
-
-
-def _within(sets: OutcomeSets, horizon: int) -> Risk:
-    values = np.empty((horizon + 1, sets.num_states))
-    of_actions = np.empty((horizon, sets.num_states, sets.num_actions))
-    certain = np.zeros(of_actions.shape, dtype=np.bool_)
-    values[horizon], risky = sets.unsafe, sets.unsafe
-    for t in reversed(range(horizon)):
-        of_choices = _choices_risky(sets, risky)
-        q = choice_risk(sets, values[t + 1])
-        risky = sets.unsafe | _states_risky(sets, of_choices)
-        values[t] = np.where(risky, np.maximum(state_risk(sets, q), TINY), 0.0)
-        of_actions[t] = sets.table(_positive(q, of_choices), 1.0)
-        certain[t] = sets.table(~of_choices, False)
-    return Risk(values, of_actions, certain, sets.unsafe, 0.0)
 
 
 def choice_risk(sets: OutcomeSets, values: Floats) -> Floats:

@@ -23,17 +23,16 @@ HALVINGS = 6
 
 
 def slack_mask(risk: Risk, slack: float) -> Bools:
-    """bool [..., S, A]: actions that risk at most `slack` more than the least risky one.
+    """bool [S, A]: actions that risk at most `slack` more than the least risky one.
 
     Where no credible model has an action the row is empty.
     """
-    least = risk.of_states if risk.of_states.ndim == 1 else risk.of_states[:-1]
-    bound = least[..., np.newaxis] + slack
+    bound = risk.of_states[:, np.newaxis] + slack
     return risk.certain | ((bound > 0) & (risk.of_actions <= bound + risk.residual))
 
 
 def planning_mask(risk: Risk, threshold: float) -> Bools:
-    """bool [..., S, A]: what the whole budget of an episode could allow in one step, or is least risky."""
+    """bool [S, A]: what the whole budget of an episode could allow in one step, or is least risky."""
     within: Bools = risk.of_actions <= threshold
     return within | slack_mask(risk, 0.0)
 
@@ -82,9 +81,9 @@ def masked_policy(
     Returns:
         float64, like the policy. Where no behaviour can promise lambda, the least risky one.
     """
-    least = risk.of_states if risk.of_states.ndim == 1 else risk.of_states[0]
-    promised = max(threshold, float(start @ least))
-    allotted = max(threshold - float(start @ least), 0.0) / horizon
+    least = float(start @ risk.of_states)
+    promised = max(threshold, least)
+    allotted = max(threshold - least, 0.0) / horizon
     if threshold == 0:
         return shielded_policy(policy, slack_mask(risk, 0.0))
     for slack in (1.0, *(promised * 0.5**n for n in range(HALVINGS))):

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
+from merap.experiments.shield_planning import Guide, Plans
 from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.simulation import simulator
 from merap.online.shield.budget import permitted, spent
 from merap.online.shield.models import UNSAFE_LABEL, credible_models
-from merap.online.shield.planning import Guide, Plans
 
 CONFIDENCE = 0.95
 
