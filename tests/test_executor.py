@@ -11,8 +11,8 @@ import pytest
 from merap.errors import MerapError
 from merap.online.belief.space import hypothesis_space
 from merap.online.loop.executor import MAX_FAULTS, Executor
+from merap.online.loop.loop_shield import LoopShield
 from merap.online.loop.messages import Plan
-from merap.online.loop.protection import Protection
 from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.systems import Observation
 from tests.loop_examples import NUM_ACTIONS, monitored, seen
@@ -115,11 +115,9 @@ def test_the_shield_is_told_what_was_executed_and_what_may_have_been(
 ) -> None:
     told: list[tuple[int, bool]] = []
     space = hypothesis_space(gutter(tmp_path))
-    protection = Protection(space, 10, ShieldSettings(0.0))
-    monkeypatch.setattr(protection, "took", lambda action, *, surely: told.append((action, surely)))
-    executor = Executor(
-        Scripted(seen(0, 0), seen(0, 1), replace(seen(0, 1), taken=0), "no answer"), protection
-    )
+    shield = LoopShield(space, 10, ShieldSettings(0.0))
+    monkeypatch.setattr(shield, "took", lambda action, *, surely: told.append((action, surely)))
+    executor = Executor(Scripted(seen(0, 0), seen(0, 1), replace(seen(0, 1), taken=0), "no answer"), shield)
     executor.reset()
     for _ in range(3):
         executor.execute(PLAN)

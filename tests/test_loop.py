@@ -15,9 +15,9 @@ from merap.online.belief.space import hypothesis_space
 from merap.online.loop.building import Built, build
 from merap.online.loop.executor import MAX_FAULTS, Executor
 from merap.online.loop.loop import Loop
+from merap.online.loop.loop_shield import LoopShield
 from merap.online.loop.messages import Analysis, Monitored, Plan
 from merap.online.loop.planner import Planner
-from merap.online.loop.protection import Protection
 from merap.online.loop.records import EpisodeLog
 from merap.online.loop.running import run_loop
 from merap.online.shield.learning_shield import ShieldSettings
@@ -155,9 +155,9 @@ def test_a_replanning_makes_the_shield_forget_what_it_was_sure_of(
     text = f"scenario: dark\nsystem: {system}\nepisodes: 4\nstrategy: {{updates: 2}}\n"
     more = "shield: {threshold: 0}\nchanges: [{at: {episode: 3}, objective: g1}]\n"
     built = doubtful(run, scenario(tmp_path, text, more))
-    assert built.protection is not None
+    assert built.shield is not None
     forgotten: list[Monitored] = []
-    monkeypatch.setattr(built.protection, "forget", forgotten.append)
+    monkeypatch.setattr(built.shield, "forget", forgotten.append)
     logs = episodes(built, 4)
     replanned = [decision.step for log in logs for decision in log.decisions if decision.kind == "replan"]
     assert [one.step for one in forgotten] == replanned
@@ -183,13 +183,13 @@ def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path
     built = build(run, scenario(tmp_path, text), "random")
     eager = Eager(built.parts.learner, None, built.parts.punctual, np.random.default_rng(1), {})
     space = hypothesis_space(run.case, Outside(slips=(0.05,), odds=(1.0,)))
-    protection = Protection(space, 10, ShieldSettings(0.25))
-    loop = Loop(replace(built.parts, planner=eager, executor=Executor(built.system, protection)))
+    shield = LoopShield(space, 10, ShieldSettings(0.25))
+    loop = Loop(replace(built.parts, planner=eager, executor=Executor(built.system, shield)))
     violations = steps = 0
     for _ in range(300):
         loop.episode()
         violations += bool(built.system.tally.unsafe)
         steps += built.system.tally.steps
-    done = protection.as_dict()
+    done = shield.as_dict()
     assert (done["episodes"], done["steps"]) == (300, steps)
     assert 10 < violations <= 105

@@ -1,4 +1,4 @@
-"""What the shield learns counts in the very next step; gutter and figures as in `test_protection`."""
+"""What the shield learns counts in the very next step; gutter and figures as in `test_loop_shield`."""
 
 from __future__ import annotations
 

@@ -272,3 +272,22 @@ def test_what_is_not_settled_is_charged_by_the_models_credible_after_a_change() 
     # 0.1 is settled and stays spent; the step from 1 cost 0.3, and may have led nowhere.
     assert ledger.budgets[2] == pytest.approx(0.1)
     assert ledger.states(world.risk.unsafe).tolist() == [1, 2]
+
+
+def test_where_ways_meet_the_one_that_cost_more_counts() -> None:
+    choices: Sets = {
+        0: {0: [{1: 0.5, 2: 0.5}], 1: [{0: 1.0}]},
+        1: {0: [{1: 1.0}], 1: [{0: 0.6, 3: 0.4}]},
+        2: {0: [{2: 1.0}], 1: [{0: 0.9, 3: 0.1}]},
+    }
+    hidden = place(choices, 0.5).ledger([Saw(0, 0), Took(0), Took(1)])
+    assert hidden.budgets[0] == pytest.approx(0.1)
+
+
+def test_while_the_episode_goes_on_the_task_is_not_complete() -> None:
+    """State 2 has no actions: had it got there, nothing more would be done."""
+    choices: Sets = {0: {0: [{1: 0.5, 2: 0.5}]}, 1: {0: [{1: 1.0}]}}
+    world = place(choices, 0.1)
+    assert world.ledger([Saw(0, 0), Took(0)]).states(world.risk.unsafe).tolist() == [1]
+    assert world.allowed([Saw(0, 0), Took(0)]) == ([0], False)
+    assert world.ledger([]).states(world.risk.unsafe).tolist() == [0, 1]

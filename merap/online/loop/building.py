@@ -19,12 +19,12 @@ from merap.online.loop.extension import Extender
 from merap.online.loop.learner import Learner
 from merap.online.loop.live_system import Disconnected, LiveSystem
 from merap.online.loop.loop import Parts
+from merap.online.loop.loop_shield import LoopShield
 from merap.online.loop.managers import make_manager
 from merap.online.loop.memory import NOTHING, Past
 from merap.online.loop.met import MetSystem
 from merap.online.loop.monitor import Monitor
 from merap.online.loop.planner import Planner
-from merap.online.loop.protection import Protection
 from merap.online.loop.recorded_system import RecordedSystem
 from merap.online.loop.scenario import Scenario
 from merap.online.loop.scenario_schema import ScenarioSpec
@@ -48,14 +48,14 @@ class Built:
         parts: of the loop.
         system: that is controlled.
         guarded: the same, as the loop sees it.
-        protection: by a shield; None: there is none.
+        shield: of the loop; None: there is none.
         adapts: whether the policy is adapted before it is carried out.
     """
 
     parts: Parts
     system: MetSystem
     guarded: ManagedSystem
-    protection: Protection | None
+    shield: LoopShield | None
     adapts: bool
 
     def __enter__(self) -> Self:
@@ -113,7 +113,7 @@ def build(
     trigger = make_trigger(settings) if chosen.replans else None
     readings = settings if isinstance(settings, ChangeSettings) else None
     analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
-    protection = _protection(scenario, context.hypotheses, horizon)
+    shield = _shield(scenario, context.hypotheses, horizon)
     punctual = Punctual(spec.deadline.seconds)
     late = {(one.row.episode, step): how for one in past.episodes for step, how in one.late.items()}
     guarded = guard(system)
@@ -122,11 +122,11 @@ def build(
         analyzer=analyzer,
         learner=learner,
         planner=Planner(learner, fallback, punctual, of_planner, late),
-        executor=Executor(RecordedSystem(past.episodes, guarded), protection),
+        executor=Executor(RecordedSystem(past.episodes, guarded), shield),
         punctual=punctual,
         extender=_extender(spec, manager, context) if chosen.replans else None,
     )
-    return Built(parts, system, guarded, protection, chosen.updates != 0)
+    return Built(parts, system, guarded, shield, chosen.updates != 0)
 
 
 def _met(
@@ -160,9 +160,9 @@ def _trigger_settings(scenario: Scenario) -> TriggerSettings:
         return read_trigger(spec.trigger.kind, given)
 
 
-def _protection(scenario: Scenario, space: HypothesisSpace, horizon: int) -> Protection | None:
+def _shield(scenario: Scenario, space: HypothesisSpace, horizon: int) -> LoopShield | None:
     spec = scenario.spec.shield
     if spec is None:
         return None
     with scenario.document.at("shield"):
-        return Protection(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))
+        return LoopShield(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))

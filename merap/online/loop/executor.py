@@ -9,8 +9,8 @@ import math
 
 from merap.errors import InputError, MerapError
 from merap.mdp.model import Bools, Floats
+from merap.online.loop.loop_shield import LoopShield
 from merap.online.loop.messages import Execution, Monitored, Plan
-from merap.online.loop.protection import Protection
 from merap.online.systems import ManagedSystem, Observation
 
 # An episode is given up after so many faults in a row.
@@ -22,19 +22,19 @@ class Executor:
 
     Args:
         system: under control.
-        protection: what is safe enough; None: everything.
+        shield: what is safe enough; None: everything.
     """
 
-    def __init__(self, system: ManagedSystem, protection: Protection | None) -> None:
+    def __init__(self, system: ManagedSystem, shield: LoopShield | None) -> None:
         self._system = system
-        self._protection = protection
+        self._shield = shield
         self._faults = 0
 
     def reset(self) -> Execution:
         """Begin an episode."""
         self._faults = 0
-        if self._protection is not None:
-            self._protection.begin()
+        if self._shield is not None:
+            self._shield.begin()
         try:
             return Execution(None, self._sound(self._system.reset()))
         except MerapError as error:
@@ -42,27 +42,27 @@ class Executor:
 
     def observe(self, monitored: Monitored) -> None:
         """What has arrived counts for what is safe."""
-        if self._protection is not None:
-            self._protection.observe(monitored)
+        if self._shield is not None:
+            self._shield.observe(monitored)
 
     def forget(self, monitored: Monitored) -> None:
         """The domain has changed; this has arrived last."""
-        if self._protection is not None:
-            self._protection.forget(monitored)
+        if self._shield is not None:
+            self._shield.forget(monitored)
 
     def allowed(self, monitored: Monitored) -> Bools:
         """bool [A], what may be done now, never empty."""
-        if self._protection is None:
+        if self._shield is None:
             return monitored.enabled
-        return self._protection.allowed(monitored)
+        return self._shield.allowed(monitored)
 
     def mask(self) -> Bools | None:
         """bool [S, A], what may ever be done; None: everything."""
-        return None if self._protection is None else self._protection.mask
+        return None if self._shield is None else self._shield.mask
 
     def carried_out(self, table: Floats) -> Floats:
         """A policy, float64 [S, A] or [T, S, A], as the shield lets it be carried out."""
-        return table if self._protection is None else self._protection.masked(table)
+        return table if self._shield is None else self._shield.masked(table)
 
     def execute(self, plan: Plan) -> Execution:
         """Take the planned action; a guarded or a remote system may have taken another one."""
@@ -78,8 +78,8 @@ class Executor:
         return Execution(taken, observation)
 
     def _took(self, action: int, *, surely: bool) -> None:
-        if self._protection is not None:
-            self._protection.took(action, surely=surely)
+        if self._shield is not None:
+            self._shield.took(action, surely=surely)
 
     def _sound(self, observation: Observation) -> Observation:
         """The observation, if it can be used.

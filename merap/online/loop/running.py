@@ -78,7 +78,7 @@ def run_loop(
         seed=scenario.spec.seed,
         rows=rows,
         reactions=reactions(rows, built.system.stages),
-        shield=None if built.protection is None else built.protection.as_dict(),
+        shield=None if built.shield is None else built.shield.as_dict(),
         seconds=seconds,
         ended_by=ended_by,
     )

@@ -55,7 +55,7 @@ class ShieldedStrategy:
         return self._strategy.episodes_per_update
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins; for one with gaps see `loop.protection`, which is told of all actions."""
+        """An episode begins; for one with gaps see `loop.loop_shield`, which is told of all actions."""
         assert time == 0, "the shield was not told of the steps before"
         self._steps = 0
         self._shield.begin()

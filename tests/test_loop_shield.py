@@ -13,8 +13,8 @@ from merap.errors import InputError
 from merap.mdp.model import Bools
 from merap.online.belief.outside import Outside
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
+from merap.online.loop.loop_shield import LoopShield
 from merap.online.loop.messages import Monitored, Sighting, Transition
-from merap.online.loop.protection import Protection
 from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.systems import Observation
 from tests.loop_examples import monitored
@@ -46,11 +46,11 @@ def state(space: HypothesisSpace, location: str) -> int:
 
 
 class Told:
-    """A protection, and an episode that it is told of."""
+    """A shield, and an episode that it is told of."""
 
     def __init__(self, space: HypothesisSpace, threshold: float) -> None:
         self.space = space
-        self.protection = Protection(space, HORIZON, ShieldSettings(threshold))
+        self.shield = LoopShield(space, HORIZON, ShieldSettings(threshold))
         # In a terminal mode everything but the automaton's own action.
         self.enabled: Bools = np.array([name != "measure" for name in space.case.actions])
         self.time = 0
@@ -65,8 +65,8 @@ class Told:
     def begin(self, location: str | None = None) -> None:
         """An episode, seen to begin at a location or not."""
         self.time = 0
-        self.protection.begin()
-        self.protection.observe(self.message(*([] if location is None else [self.sighting(location)])))
+        self.shield.begin()
+        self.shield.observe(self.message(*([] if location is None else [self.sighting(location)])))
 
     def sighting(self, location: str, time: int | None = None) -> Sighting:
         at = self.time if time is None else time
@@ -78,16 +78,16 @@ class Told:
 
     def take(self, action: int, *news: Sighting | Transition, fault: str | None = None) -> None:
         """Execute an action, and learn what arrives."""
-        self.protection.took(action, surely=fault is None)
+        self.shield.took(action, surely=fault is None)
         self.time += 1
-        self.protection.observe(self.message(*news, problems=() if fault is None else (fault,)))
+        self.shield.observe(self.message(*news, problems=() if fault is None else (fault,)))
 
     def step(self, origin: str, action: int, target: str) -> None:
         """A step that is seen at once."""
         self.take(action, self.transition(self.time, origin, action, target))
 
     def allowed(self) -> set[str]:
-        mask = self.protection.allowed(self.message())
+        mask = self.shield.allowed(self.message())
         return {name for name, free in zip(self.space.case.actions, mask, strict=True) if free}
 
 
@@ -105,7 +105,7 @@ def test_steps_are_followed_and_counted(example: HypothesisSpace) -> None:
     assert "east" in told.allowed()
     told.step("S", east, "lobby")
     assert "east" in told.allowed()
-    counts = told.protection.as_dict()
+    counts = told.shield.as_dict()
     assert (counts["episodes"], counts["steps"], counts["worst_risk"]) == (1, 2, 0.0)
 
 
@@ -132,7 +132,7 @@ def test_a_step_is_charged_and_an_episode_begins_with_a_whole_budget(beside: Hyp
         assert told.allowed() == {"stop", "right"}
         told.step("r0c0", RIGHT, "r0c1")
         assert told.allowed() == {"stop"}
-    counts = told.protection.as_dict()
+    counts = told.shield.as_dict()
     assert (counts["episodes"], counts["steps"], counts["withheld"], counts["fallbacks"]) == (2, 4, 2, 0)
     assert counts["worst_risk"] == pytest.approx(0.2)
 
@@ -154,7 +154,7 @@ def test_steps_that_are_seen_late_are_charged_when_they_are_executed(
     for late in range(max(crossed - 1, 1), crossed + 1):
         told.take(STOP, told.transition(late - 1, f"r0c{late - 1}", RIGHT, f"r0c{late}"))
     assert told.allowed() == {"stop"}
-    counts = told.protection.as_dict()
+    counts = told.shield.as_dict()
     assert (counts["episodes"], counts["fallbacks"]) == (1, 0)
     assert counts["steps"] == times + 2
     assert counts["withheld"] == 2
@@ -170,7 +170,7 @@ def test_after_a_gap_what_remained_remains(beside: HypothesisSpace) -> None:
     told.take(RIGHT)
     told.take(STOP, told.sighting("r0c2", 4))
     assert told.allowed() == {"stop"}
-    assert told.protection.as_dict()["episodes"] == 1
+    assert told.shield.as_dict()["episodes"] == 1
 
 
 def test_until_it_is_seen_the_system_may_be_anywhere(example: HypothesisSpace) -> None:
@@ -178,9 +178,21 @@ def test_until_it_is_seen_the_system_may_be_anywhere(example: HypothesisSpace) -
     told.begin()
     assert not {"east", "west"} & told.allowed()
     assert "stop" in told.allowed()
-    assert told.protection.as_dict()["fallbacks"] == 0
+    assert told.shield.as_dict()["fallbacks"] == 0
     told.take(example.case.actions.index("stop"), told.sighting("S", 0))
     assert "east" in told.allowed()
+
+
+def test_after_a_fault_nothing_is_known_of_what_is_enabled(example: HypothesisSpace) -> None:
+    """It is what was enabled before: the robot may scan, where it can't do anything else."""
+    told = Told(example, 0.0)
+    told.begin("S")
+    told.take(example.case.actions.index("start_scan"), fault="no answer")
+    told.allowed()
+    assert told.shield.as_dict()["fallbacks"] == 1
+    told.take(example.case.actions.index("stop"))
+    assert "east" in told.allowed()
+    assert told.shield.as_dict()["fallbacks"] == 1
 
 
 def test_what_is_seen_loosens_the_very_next_step_and_what_is_forgotten_tightens_it(
@@ -192,11 +204,11 @@ def test_what_is_seen_loosens_the_very_next_step_and_what_is_forgotten_tightens_
     for number in range(REFUTING):
         told.begin("r0c0")
         told.take(RIGHT, told.transition(0, "r0c0", RIGHT, "r0c1"))
-        loosened = told.protection.mask[state(beside, "r0c1"), RIGHT]
+        loosened = told.shield.mask[state(beside, "r0c1"), RIGHT]
         assert loosened == (number + 1 >= 85)
     told.begin("r0c0")
     assert told.allowed() == {"stop", "right"}
-    told.protection.forget(told.message(told.sighting("r0c0")))
+    told.shield.forget(told.message(told.sighting("r0c0")))
     assert told.allowed() == {"stop"}
     # It goes on to learn from where the system is.
     for _ in range(REFUTING):
@@ -211,11 +223,11 @@ def test_a_change_amid_an_episode_leaves_the_budget_spent(beside: HypothesisSpac
     told.begin("r0c0")
     step = told.transition(0, "r0c0", RIGHT, "r0c1")
     told.take(RIGHT, step)
-    told.protection.forget(told.message(step))
+    told.shield.forget(told.message(step))
     assert told.allowed() == {"stop"}
     told.begin("r0c0")
     assert told.allowed() == {"stop", "right"}
-    counts = told.protection.as_dict()
+    counts = told.shield.as_dict()
     assert (counts["episodes"], counts["steps"]) == (2, 2)
 
 
@@ -229,7 +241,7 @@ def test_a_change_while_a_step_is_not_settled_charges_it_by_what_is_credible_aga
     told.begin("r0c0")
     told.take(RIGHT)
     assert "right" in told.allowed()
-    told.protection.forget(told.message(told.sighting("r0c0", 0)))
+    told.shield.forget(told.message(told.sighting("r0c0", 0)))
     # 0.35 less 0.2 for the step on the way, where a step now costs 0.2 again; the next one too.
     assert told.allowed() == {"stop"}
 
@@ -237,10 +249,10 @@ def test_a_change_while_a_step_is_not_settled_charges_it_by_what_is_credible_aga
 def test_the_state_is_known_after_a_change(example: HypothesisSpace) -> None:
     told = Told(example, 0.0)
     told.begin("hall_nw")
-    told.protection.forget(told.message(told.sighting("hall_nw")))
+    told.shield.forget(told.message(told.sighting("hall_nw")))
     assert "east" not in told.allowed()
     assert {"stop", "south", "west", "start_scan"} <= told.allowed()
-    counts = told.protection.as_dict()
+    counts = told.shield.as_dict()
     assert (counts["episodes"], counts["steps"], counts["fallbacks"]) == (1, 2, 0)
 
 
@@ -249,7 +261,7 @@ def test_a_policy_is_carried_out_within_the_mask(example: HypothesisSpace) -> No
     told.begin("hall_nw")
     east = example.case.actions.index("east")
     table = np.tile(np.eye(len(example.case.actions))[east], (example.num_states + 1, 1))
-    masked, mask = told.protection.masked(table), told.protection.mask
+    masked, mask = told.shield.masked(table), told.shield.mask
     assert masked[state(example, "hall_nw"), east] == 0
     assert masked[state(example, "hall_nw")].sum() == pytest.approx(1)
     assert masked[state(example, "lobby"), east] == 1
@@ -265,11 +277,11 @@ def test_a_policy_may_risk_more_where_less_is_left_of_the_way(beside: Hypothesis
         table[time, state(beside, f"r0c{time}")] = [0.0, 1.0]
     last = state(beside, "r0c4")
     table[0, last] = [0.0, 1.0]
-    assert told.protection.masked(table)[0, last, RIGHT] == 0
+    assert told.shield.masked(table)[0, last, RIGHT] == 0
     told.begin("r0c4")
-    assert told.protection.masked(table)[0, last, RIGHT] == 1
+    assert told.shield.masked(table)[0, last, RIGHT] == 1
 
 
-def test_where_nothing_is_unsafe_there_is_nothing_to_protect_from() -> None:
+def test_where_nothing_is_unsafe_there_is_nothing_to_shield_from() -> None:
     with pytest.raises(InputError, match="unsafe"):
-        Protection(hypothesis_space(grid_case()), 18, ShieldSettings(0.0))
+        LoopShield(hypothesis_space(grid_case()), 18, ShieldSettings(0.0))

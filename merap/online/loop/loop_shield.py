@@ -1,4 +1,4 @@
-"""What keeps the loop from unsafe states: a shield, told what the monitor knows.
+"""The shield of the loop, told what the monitor knows.
 
 Axes: T steps, S states of the canonical index (the completed state is the last), A declared actions.
 """
@@ -13,7 +13,7 @@ from merap.online.loop.messages import Monitored, Transition
 from merap.online.shield.learning_shield import LearningShield, ShieldSettings
 
 
-class Protection:
+class LoopShield:
     """Follows what is seen, late or not at all, and says what may be done.
 
     Args:
