@@ -108,7 +108,7 @@ def test_the_trigger_is_told_of_every_end_and_of_what_was_not_seen(space: Hypoth
     analyzer = Analyzer(space, HORIZON, 3, trigger)
     analyzer.settle(STILL)
     first, second = step((0, 0), RIGHT, (0, 1)), replace(step((0, 1), RIGHT, (0, 2)), time=1)
-    begun = monitored(cell(0, 0), [Sighting(cell(0, 0), seen(0, 0))])
+    begun = monitored(cell(0, 0), [Sighting(cell(0, 0), seen(0, 0), 0)])
 
     def after(number: int, *news: Transition | Sighting, last: bool = False) -> None:
         analyzer.analyse(monitored(None, news, step=number, last=last))
@@ -119,7 +119,7 @@ def test_the_trigger_is_told_of_every_end_and_of_what_was_not_seen(space: Hypoth
     assert (len(trigger.readings), trigger.gaps, trigger.ends) == (2, [], [2])
     analyzer.analyse(begun)
     after(1)
-    after(2, Sighting(cell(0, 2), seen(0, 2)), last=True)
+    after(2, Sighting(cell(0, 2), seen(0, 2), 2), last=True)
     assert (len(trigger.readings), trigger.gaps, trigger.ends) == (2, [2], [2, 2])
     analyzer.analyse(begun)
     after(1, first)
@@ -128,7 +128,7 @@ def test_the_trigger_is_told_of_every_end_and_of_what_was_not_seen(space: Hypoth
     after(4, last=True)
     assert (len(trigger.readings), trigger.gaps, trigger.ends) == (3, [2, 3], [2, 2, 3])
     analyzer.analyse(monitored(None))  # what the reset answered was lost
-    after(1, Sighting(cell(0, 1), seen(0, 1)))
+    after(1, Sighting(cell(0, 1), seen(0, 1), 1))
     after(2, second, last=True)
     assert (len(trigger.readings), trigger.gaps, trigger.ends) == (4, [2, 3, 3], [2, 2, 3, 4])
 
