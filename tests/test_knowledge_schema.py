@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from typing import Any
 
 import psycopg
 import pytest
@@ -15,12 +17,13 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, make_url, text
 from sqlalchemy.exc import DBAPIError
 
-from merap.errors import InputError
+from merap.errors import InputError, StorageError
 from merap.online.knowledge.base import open_knowledge
 from merap.online.knowledge.engine import for_writing, make_engine, read_url
 from merap.online.knowledge.rows import DecisionRow, EventRow, ObservationRow, now
 from merap.online.knowledge.schema import SCRIPTS, current_schema, migrate
-from merap.online.knowledge.tables import HISTORY, SCHEMA, Base
+from merap.online.knowledge.tables import HISTORY, SCHEMA, Base, Run
+from merap.online.knowledge.writing import insert_row, store
 
 TABLES = ("run", "blob", *(table.__tablename__ for table in HISTORY))
 
@@ -73,10 +76,51 @@ def test_an_older_schema_is_migrated_and_its_rows_are_kept(knowledge_url: str) -
     engine.dispose()
 
 
+def append_checkpoint(engine: Engine, run: int, position: int, episode: int) -> None:
+    digest = hashlib.sha256(b"state").hexdigest()
+    execute(
+        engine,
+        f"""INSERT INTO checkpoint (run_id, position, recorded, episode, digest)
+        VALUES ({run}, {position}, '2026-01-01 00:00:00.000000', {episode}, '{digest}')""",
+    )
+
+
+def old_engine(url: str, episodes: Sequence[int]) -> Engine:
+    """To a database before checkpoints were unique, with two runs that have these."""
+    engine = make_engine(read_url(url))
+    with for_writing(engine).begin() as connection:
+        migrate(connection, "here", target="0002")
+        store(connection, b"state")
+        for name in ("first", "second"):
+            row: dict[str, Any] = {"name": name, "case": "case", "digest": "digest", "settings": {}}
+            insert_row(connection, Run, {**row, "started": now()})
+    for number, episode in enumerate(episodes):
+        append_checkpoint(engine, 1, number + 1, episode)
+        append_checkpoint(engine, 2, number + 1, number)
+    return engine
+
+
+@pytest.mark.parametrize("episodes", [[0, 1, 2], [0, 1, 1]])
+def test_from_now_on_an_episode_has_one_checkpoint(knowledge_url: str, episodes: list[int]) -> None:
+    """Also where two processes have gone on with a run before: its rows stay, and all can be opened."""
+    engine = old_engine(knowledge_url, episodes)
+    with open_knowledge(knowledge_url) as knowledge:
+        assert (knowledge.counts(1)["checkpoint"], knowledge.counts(2)["checkpoint"]) == (3, 3)
+        knowledge.record_checkpoint(2, 3, b"state")
+        with pytest.raises(StorageError, match="another process goes on with this run") as taken:
+            knowledge.record_checkpoint(2, 3, b"other state")
+        assert "\n" not in str(taken.value)
+        assert knowledge.counts(2)["checkpoint"] == 4
+        knowledge.record_checkpoint(1, 3, b"state")
+    with pytest.raises(DBAPIError, match="checkpoint_episode"):
+        append_checkpoint(engine, 1, 99, 3)
+    engine.dispose()
+
+
 def test_a_newer_schema_is_refused_in_one_line(engine: Engine, knowledge_url: str) -> None:
     execute(engine, "UPDATE alembic_version SET version_num = '9999'")
     with pytest.raises(
-        InputError, match=r"has schema 9999, .* knows 0001 to 0002; use a newer merap"
+        InputError, match=r"has schema 9999, .* knows 0001 to 0003; use a newer merap"
     ) as newer:
         open_knowledge(knowledge_url)
     assert "\n" not in str(newer.value)
@@ -108,6 +152,17 @@ def test_no_row_of_sqlite_is_replaced(engine: Engine, knowledge_url: str) -> Non
             with pytest.raises(sqlite3.IntegrityError, match="append-only"):
                 file.execute(f"INSERT OR REPLACE INTO {table} SELECT {same} FROM {table}")
         file.execute("INSERT OR REPLACE INTO blob SELECT * FROM blob")
+
+
+@pytest.mark.parametrize("knowledge_url", ["sqlite"], indirect=True)
+def test_no_checkpoint_of_sqlite_is_replaced(engine: Engine, knowledge_url: str) -> None:
+    engine.dispose()
+    replace = """INSERT OR REPLACE INTO checkpoint
+        SELECT id + 1, run_id, position + 1, recorded, episode, digest FROM checkpoint"""
+    with closing(sqlite3.connect(make_url(knowledge_url).database or "")) as file:
+        with pytest.raises(sqlite3.IntegrityError, match="checkpoint_episode"):
+            file.execute(replace)
+        assert file.execute("SELECT id FROM checkpoint").fetchall() == [(1,)]
 
 
 @pytest.mark.parametrize("knowledge_url", ["sqlite"], indirect=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.errors import InputError
+from merap.errors import InputError, StorageError
 from merap.learning.run_folder import RunFolder
 from merap.online.knowledge.base import KnowledgeBase, open_knowledge
 from merap.online.loop.records import EpisodeRow
@@ -128,6 +128,40 @@ def test_a_run_that_would_go_differently_is_not_gone_on_with(
     with pytest.raises(
         InputError, match=r"episode 0 went differently when it was recorded, from step \d+ on"
     ):
+        run_loop(run, found, knowledge=knowledge, resume=True)
+
+
+def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    """The first is overtaken after its third episode by one that finishes the run."""
+    found = scenario(tmp_path)
+    undisturbed = timeless(run_loop(run, found))
+
+    def overtaken(row: EpisodeRow) -> None:
+        if row.episode == 2:
+            with open_knowledge(f"sqlite:///{knowledge.place}") as other:
+                run_loop(run, found, knowledge=other, resume=True)
+
+    with pytest.raises(StorageError, match="another process goes on with this run") as late:
+        run_loop(run, found, knowledge=knowledge, on_episode=overtaken)
+    assert "\n" not in str(late.value)
+    recorded = [row.episode for row in knowledge.decisions(1) if row.kind == "episode"]
+    assert recorded == list(range(EPISODES))
+    assert knowledge.counts(1)["checkpoint"] == EPISODES
+    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True)) == undisturbed
+
+
+def test_a_run_that_two_processes_have_mixed_in_is_not_gone_on_with(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+) -> None:
+    """As it could be left by a version that did not refuse the second one."""
+    found = scenario(tmp_path)
+    with pytest.raises(KilledError):
+        run_loop(run, found, knowledge=knowledge, on_episode=killed_after(1))
+    for decision in list(knowledge.decisions(1)):
+        knowledge.record_decision(1, decision)
+    with pytest.raises(InputError, match="has the episodes 0, 1, 0, 1, expected each up to 1 once"):
         run_loop(run, found, knowledge=knowledge, resume=True)
 
 

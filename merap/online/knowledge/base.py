@@ -152,7 +152,11 @@ class KnowledgeBase:
         return self._record(run, tables.Event, vars(row))
 
     def record_checkpoint(self, run: int, episode: int, state: bytes) -> int:
-        """Record a state to go on from, after so many episodes, and return its number."""
+        """Record a state to go on from, after so many episodes, and return its number.
+
+        Raises:
+            StorageError: there is one already, so another process goes on with this run.
+        """
         return self._record(run, tables.Checkpoint, {"episode": episode}, state)
 
     def finish_run(self, run: int, report: Mapping[str, Any]) -> None:

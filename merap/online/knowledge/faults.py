@@ -9,9 +9,11 @@ from contextlib import contextmanager
 from sqlalchemy.exc import DBAPIError, StatementError
 
 from merap.errors import InputError, MerapError, StorageError
+from merap.online.knowledge.tables import CHECKPOINT_EPISODE
 
 _KEPT = "what was committed is kept"
 _LOCKED = "is locked by another process"
+_TAKEN = "another process goes on with this run and has kept the same episode; nothing of this one is kept"
 _SQLITE = {
     sqlite3.SQLITE_BUSY: _LOCKED,
     sqlite3.SQLITE_LOCKED: _LOCKED,
@@ -58,6 +60,8 @@ def _fault(error: StatementError, place: str) -> MerapError:
     detail = " ".join(str(cause).split())
     if not isinstance(error, DBAPIError):
         return InputError(f"can't be recorded: {detail}", source=place)
+    if CHECKPOINT_EPISODE in detail:
+        return StorageError(f"{place}: {_TAKEN}")
     if isinstance(cause, sqlite3.Error):
         code = getattr(cause, "sqlite_errorcode", 0) & 0xFF  # without the extended part
         if code in _SQLITE_DAMAGED:

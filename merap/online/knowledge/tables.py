@@ -24,7 +24,9 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column
 
 # of the newest migration
-SCHEMA = "0002"
+SCHEMA = "0003"
+# of the constraint; a database that refuses a row for it says so
+CHECKPOINT_EPISODE = "checkpoint_episode"
 # SQLite numbers rows itself only where the column is an INTEGER
 Identity = BigInteger().with_variant(Integer, "sqlite")
 
@@ -187,9 +189,13 @@ class Event(History):
 
 
 class Checkpoint(History):
-    """A state to go on from."""
+    """A state to go on from, one for each episode of a run."""
 
     __tablename__ = "checkpoint"
+
+    @declared_attr.directive
+    def __table_args__(cls) -> tuple[Index, ...]:  # noqa: N805 - of the class
+        return *super().__table_args__, Index(CHECKPOINT_EPISODE, "run_id", "episode", unique=True)
 
     episode: Mapped[int]
     digest: Mapped[str] = mapped_column(ForeignKey("blob.digest"))

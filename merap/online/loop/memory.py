@@ -173,7 +173,7 @@ def recall(knowledge: KnowledgeBase, run: int) -> Past:
     """What was committed of a run.
 
     Raises:
-        InputError: it does not fit together.
+        InputError: it does not fit together, or two processes have gone on with it.
     """
     checkpoint = knowledge.latest_checkpoint(run)
     if checkpoint is None:
@@ -187,6 +187,14 @@ def recall(knowledge: KnowledgeBase, run: int) -> Past:
         taken = [{int(step): int(action) for step, action in content["taken"].items()} for content in ended]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"run {run} of the knowledge base is not one of a loop: {error}") from error
+    numbers = [row.episode for row in rows]
+    if numbers != list(range(checkpoint.episode)):
+        kept = ", ".join(map(str, numbers))
+        raise InputError(
+            f"run {run} can't be gone on with: it has the episodes {kept}, expected each up to "
+            f"{checkpoint.episode - 1} once; another process goes on with it, or has done so",
+            source=knowledge.place,
+        )
     observations: list[list[ObservationRow]] = [[] for _ in rows]
     for row in knowledge.observations(run):
         observations[row.episode].append(row)
