@@ -46,8 +46,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 @pytest.fixture
-def knowledge(tmp_path: Path) -> Iterator[KnowledgeBase]:
-    with open_knowledge(f"sqlite:///{tmp_path / 'knowledge.db'}") as opened:
+def knowledge(knowledge_url: str) -> Iterator[KnowledgeBase]:
+    with open_knowledge(knowledge_url) as opened:
         yield opened
 
 

@@ -59,24 +59,23 @@ def committed(url: str) -> list[int]:
         return [one.episode for one in knowledge.decisions(1) if one.kind == "episode"]
 
 
-def test_killed_ten_times_at_random(tmp_path: Path) -> None:
+def test_killed_ten_times_at_random(knowledge_url: str, tmp_path: Path) -> None:
     run = trained(tmp_path / "run")
     found: Scenario = scenario(tmp_path, SCENARIO)
-    url = f"sqlite:///{tmp_path / 'knowledge.db'}"
     multiprocessing.get_context("forkserver").set_forkserver_preload(
         ["merap.online.loop.running", "torch._dynamo"]
     )
     generator = np.random.default_rng()
     done = 0
     for _ in range(KILLS):
-        done = killed(run, url, done, generator)
+        done = killed(run, knowledge_url, done, generator)
         # what was reported done is there, in order and once
-        kept = committed(url)
+        kept = committed(knowledge_url)
         assert kept == list(range(len(kept)))
         assert len(kept) >= done
         done = len(kept)
     assert done < found.spec.episodes
-    with open_knowledge(url) as knowledge:
+    with open_knowledge(knowledge_url) as knowledge:
         report = run_loop(run, found, knowledge=knowledge, resume=True)
         assert len(knowledge.runs()) == 1
     assert timeless(report) == timeless(run_loop(run, found))
