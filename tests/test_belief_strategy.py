@@ -176,19 +176,20 @@ def test_after_a_gap_it_plans_for_the_steps_that_remain(monkeypatch: pytest.Monk
     assert starts == [start, start]
 
 
-def test_beyond_its_horizon_it_goes_on_as_in_the_last_step() -> None:
-    """The system's episodes are three times as long; after a gap it may be late already."""
+@pytest.mark.parametrize("gap", [False, True])
+def test_beyond_its_horizon_it_goes_on_as_in_the_last_step(*, gap: bool) -> None:
+    """The system's episodes are longer, and it does what teaches nothing: there is no other plan to make."""
     case = load_case(MODELS / "running-example")
     strategy = BeliefStrategy(hypothesis_space(case), 3, np.random.default_rng(0))
     system = SimulatedSystem(case.system("met"), 10, np.random.default_rng(1))
+    stop = system.actions.index("stop")
     observation, steps = system.reset(), 0
     strategy.begin(observation)
     while not observation.last:
-        action = strategy.act(observation.enabled)
-        assert observation.enabled[action]
-        observation, steps = system.step(action), steps + 1
-        if steps == 6:
+        assert strategy.act(np.arange(len(system.actions)) == stop) == stop
+        observation, steps = system.step(stop), steps + 1
+        if gap and steps == 6:
             strategy.begin(observation, steps, resumed=True)
         else:
-            strategy.observe(action, observation)
+            strategy.observe(stop, observation)
     assert steps == 10

@@ -92,10 +92,13 @@ shield: {{threshold: 0}}
 
 
 class Slow:
-    """A strategy that takes its time now and then: in making, in deciding, and in learning."""
+    """A strategy that takes its time now and then: in making, in deciding, and in learning.
 
-    def __init__(self, strategy: Strategy, calls: Iterator[int]) -> None:
-        self._strategy, self._calls = strategy, calls
+    It tries anything now and then, so that how often it was asked shows in what it does.
+    """
+
+    def __init__(self, strategy: Strategy, calls: Iterator[int], generator: np.random.Generator) -> None:
+        self._strategy, self._calls, self._generator = strategy, calls, generator
         time.sleep(0.05)
 
     @property
@@ -108,6 +111,8 @@ class Slow:
     def act(self, allowed: Bools) -> int:
         if next(self._calls) % 5 == 0:
             time.sleep(0.025)
+        if self._generator.random() < 0.3:
+            return int(self._generator.choice(np.flatnonzero(allowed)))
         return self._strategy.act(allowed)
 
     def observe(self, action: int, observation: Observation) -> None:
@@ -134,7 +139,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = itertools.count()
 
     def make(name: str, context: StrategyContext, generator: np.random.Generator) -> Strategy:
-        return Slow(make_strategy(name, context, generator), calls)
+        return Slow(make_strategy(name, context, generator), calls, generator)
 
     monkeypatch.setattr(managers, "make_strategy", make)
 
