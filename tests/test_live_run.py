@@ -98,7 +98,7 @@ def test_the_loop_manages_a_served_system_by_any_strategy(
     for row in report.rows:
         assert (row.optimum, row.expected, row.entered, row.safe_optimum, row.unsafe) == (None,) * 5
     summary = report.as_dict()["summary"]
-    assert (summary["regret"], summary["mean_optimum"], summary["unsafe_visits"]) == (None, None, None)
+    assert (summary["regret"], summary["mean_optimum"], summary["violations"]) == (None, None, None)
     assert summary["faults"] == {}
     draw_timeline(report)
 

@@ -132,18 +132,18 @@ def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
-def test_a_shielded_run_never_visits_what_is_unsafe(tmp_path: Path) -> None:
+def test_a_shielded_run_has_no_violations(tmp_path: Path) -> None:
     """With A blocked the shortest way leads through the dark at B; the other is one step longer."""
     run = trained(tmp_path / "run", case=EXAMPLE)
     system = "{environment: {blocked: [A]}, capability: speed_high, objective: g1}"
     text = f"scenario: dark\nsystem: {system}\nepisodes: 6\n"
-    visits = {}
+    violations = {}
     for name, shield in (("without", ""), ("with", "shield: {threshold: 0}\n")):
         report = run_loop(run, scenario(tmp_path, text, shield))
-        visits[name] = report.as_dict()["summary"]["unsafe_visits"]
+        violations[name] = report.as_dict()["summary"]["violations"]
         assert sum(row.completed for row in report.rows) >= 4
-    assert visits["with"] == 0
-    assert visits["without"] > 0
+    assert violations["with"] == 0
+    assert violations["without"] > 0
 
 
 def test_a_replanning_makes_the_shield_forget_what_it_was_sure_of(

@@ -47,7 +47,7 @@ def test_the_optimum_is_a_staircase_between_episodes(axes: Axes) -> None:
 
 
 def test_events_are_marked_under_the_curves_on_lines_of_their_own(axes: Axes) -> None:
-    marks = [line(axes, name) for name in ("re-planning", "unsafe visit", "fault or fallback")]
+    marks = [line(axes, name) for name in ("re-planning", "violation", "fault or fallback")]
     assert [where for where, _ in marks] == [[2], [2], [4]]
     heights = [height for _, (height,) in marks]
     assert -9 > heights[0] > heights[1] > heights[2] > axes.get_ylim()[0]

@@ -121,7 +121,7 @@ def _show(report: LoopReport) -> None:
     found = report.as_dict()["summary"]
     say(
         f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average"
-        f"{_possible(found)}; {found['completed']} completed{_unsafe(found)}"
+        f"{_possible(found)}; {found['completed']} completed{_violations(found)}"
     )
     faults = ", ".join(f"{count} {kind}" for kind, count in found["faults"].items())
     told = f"; faults: {faults}" if faults else ""
@@ -145,9 +145,10 @@ def _possible(found: Mapping[str, Any]) -> str:
     return f", {number(found['mean_optimum'], 4)} was possible{within}"
 
 
-def _unsafe(found: Mapping[str, Any]) -> str:
-    visits = found["unsafe_visits"]
-    return "" if visits is None else f", {visits} unsafe visits"
+def _violations(found: Mapping[str, Any]) -> str:
+    """In how many episodes an unsafe state was reached, if that is known."""
+    count = found["violations"]
+    return "" if count is None else f", {count} violations"
 
 
 def _whole(value: int | None) -> str:

@@ -115,7 +115,7 @@ def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
     """Marks under the curves, one line for each kind of event that there is."""
     kinds = (
         ("re-planning", "^", VERMILLION, [row.episode for row in rows if row.replans]),
-        ("unsafe visit", "x", PURPLE, [row.episode for row in rows if row.unsafe]),
+        ("violation", "x", PURPLE, [row.episode for row in rows if row.unsafe]),
         (
             "fault or fallback",
             "s",
