@@ -83,7 +83,7 @@ def online(
                 json_file.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     console = Console()
     console.width = max(console.width, WIDTH)
-    tables = [_compared(rows, one) for one, some in met if len(some) > 1]
+    tables = [_compared(rows, one) for one, some in met if len(some) > 1 or len(met) == 1]
     if len(met) > 1:
         tables.append(_disturbed(rows, [one.name for one, _ in met]))
     console.print(*tables, sep="\n")

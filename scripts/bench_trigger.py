@@ -51,8 +51,8 @@ SLIPS = (0.2, 0.3, 0.4, 0.5)
 LOG_THRESHOLDS = (5, 7, 9, 11, 13.8, 16.1, 19)
 MARGINS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 WINDOWS = {
-    "the paper's window: an episode": WindowSettings(threshold=0.0),
-    "the paper's window: 50 steps": WindowSettings(threshold=0.0, steps=50),
+    "the paper's window: an episode": WindowSettings(threshold=0.0, discount=0.95),
+    "the paper's window: 50 steps": WindowSettings(threshold=0.0, discount=0.95, steps=50),
 }
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write all figures.")]

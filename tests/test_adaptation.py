@@ -189,14 +189,14 @@ def test_belief_updates_after_every_episode(of_belief: Adaptation) -> None:
         )
 
 
-def test_every_decision_of_the_first_run_is_explained(of_belief: Adaptation) -> None:
-    assert len(of_belief.reasons) == len(of_belief.runs[0].curve)
-    left, outside, *_ = of_belief.reasons[-1]
+def test_every_decision_of_every_run_is_explained(of_belief: Adaptation) -> None:
+    assert [len(of_run) for of_run in of_belief.reasons] == [len(run.curve) for run in of_belief.runs]
+    left, outside, *_ = of_belief.reasons[0][-1]
     # Which hypotheses are left, with what weight.
     assert "objective " in left
     assert " left)" in left
     assert outside.startswith("outside the base: environment ")
-    assert of_belief.as_dict()["reasons"][-1] == list(of_belief.reasons[-1])
+    assert of_belief.as_dict()["reasons"][1][-1] == list(of_belief.reasons[1][-1])
 
 
 def test_belief_finds_a_covered_goal(of_belief: Adaptation) -> None:
@@ -221,7 +221,8 @@ def test_what_it_is_as_data(of_hasty: Adaptation) -> None:
     found = of_hasty.as_dict()
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
-        *("strategy", "optimum", "worst", "runs", "reasons", "summary", "safety"),
+        *("strategy", "optimum", "worst", "safe_optimum", "safely_completed"),
+        *("runs", "reasons", "summary", "safety"),
     ]
     assert (found["reward_noise"], found["slip"], found["reset"]) == (0, 0, "episodes")
     assert (found["system"], found["strategy"]) == ("met", GRADIENT)
@@ -239,6 +240,8 @@ def test_a_combination_may_be_met(hasty: RunFolder) -> None:
 def test_real_episodes_can_be_limited_instead_of_steps(hasty: RunFolder) -> None:
     found = adapt(hasty, hasty.case.system("met"), episodes_per_step=3, max_episodes=10)
     assert [row.episodes for row in found.runs[0].curve] == [0, 3, 6, 9]
+    with pytest.raises(InputError, match="gradient takes 3 real episodes for a policy update; 2 are too few"):
+        adapt(hasty, hasty.case.system("met"), episodes_per_step=3, max_episodes=2)
 
 
 @pytest.fixture(scope="module")
@@ -362,7 +365,7 @@ def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> 
     met = hasty.case.system("met")
     with pytest.raises(InputError, match="no seed"):
         adapt(hasty, met, seeds=())
-    with pytest.raises(InputError, match="no strategy 'magic'; allowed: gradient, belief"):
+    with pytest.raises(InputError, match="no strategy 'magic'; known: gradient, belief"):
         adapt(hasty, met, strategy="magic")
     with pytest.raises(InputError, match="'pretrained:all' is one policy for each task"):
         adapt(hasty, met, strategy="pretrained:all")

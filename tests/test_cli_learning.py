@@ -123,7 +123,8 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
     found = json.loads(report.read_text())
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
-        *("strategy", "optimum", "worst", "runs", "reasons", "summary", "safety"),
+        *("strategy", "optimum", "worst", "safe_optimum", "safely_completed"),
+        *("runs", "reasons", "summary", "safety"),
     ]
     assert (found["system"], found["strategy"]) == ("met", "gradient")
     # RQ1-3: the goal is eight steps away, whatever cell can't be entered
@@ -140,6 +141,7 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
             "cumulative_regret",
             "sampled_regret",
             "steps_back",
+            "too_short",
         ]
         rows = run["curve"]
         assert all(list(row) == ["step", "episodes", "expected_return", "sampled_return"] for row in rows)
@@ -179,6 +181,12 @@ def test_adapt_shows_the_spread_of_pretrained_policies(finished: RunFolder, tmp_
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
+        (
+            ["--strategy", "ope", "--max-episodes", "20"],
+            "--max-episodes: a step of ope takes 35 real episodes, so 20 are too few for one; give at least "
+            "35, or fewer by --episodes-per-step",
+        ),
+        (["--steps", "2", "--max-episodes", "8"], "--max-episodes: --steps says how long already"),
         (["--seeds", "²"], "expected a:b with whole numbers or one seed, got '²'"),
         (["--system", "mett"], "'mett'"),
         (["--slip", "1"], "the probability to slip must be in [0, 1), it is 1.0"),
@@ -192,6 +200,36 @@ def test_adapt_refuses_what_there_is_not(
     report = tmp_path / "adaptation.json"
     assert complaint in refused("adapt", finished.path, *arguments, "--json", report)
     assert not report.exists()
+
+
+def test_adapt_says_where_it_is_too_short_to_tell_and_prints_the_last_row(finished: RunFolder) -> None:
+    """The oracle is at the optimum from row 0 on; three rows in a row are needed."""
+    arguments = ["adapt", finished.path, "--strategy", "oracle", "--steps"]
+    short = merap(*arguments, "1").stdout
+    assert "never: 0 of 1 runs" in short
+    assert "too short to tell: 1 of 1 runs" in short
+    long = merap(*arguments, "8").stdout
+    assert "too short" not in long
+    assert [line.split()[0] for line in long.splitlines()[2:8]] == ["0", "1", "2", "3", "5", "8"]
+
+
+def test_adapt_warns_of_an_option_that_means_nothing(finished: RunFolder) -> None:
+    done = merap("adapt", finished.path, "--strategy", "oracle", "--episodes-per-step", "7", "--steps", "1")
+    assert done.returncode == 0
+    assert done.stderr == (
+        "warning: --episodes-per-step is of gradient and ope alone: oracle takes 1 episode each\n"
+    )
+
+
+@pytest.mark.parametrize("option", ["-o", "--json"])
+def test_adapt_finds_out_first_whether_it_can_write(finished: RunFolder, tmp_path: Path, option: str) -> None:
+    (tmp_path / "curve.svg").write_text("mine")
+    place = tmp_path if option == "-o" else tmp_path / "no" / "such.json"
+    complaint = "curve.svg: exists already" if option == "-o" else f"there is no folder {tmp_path / 'no'}"
+    # without a run folder the work itself would fail otherwise
+    assert complaint in refused("adapt", tmp_path / "no run", option, place)
+    assert "can't be written" in refused("adapt", tmp_path / "no run", option, "/proc/nope")
+    assert contents(tmp_path) == {"curve.svg": b"mine"}
 
 
 def test_adapt_does_not_write_over_a_report(finished: RunFolder, tmp_path: Path) -> None:

@@ -52,6 +52,9 @@ def test_run_is_killed_and_goes_on_and_writes_report_and_timeline(
     assert [row["episode"] for row in found["episodes"]] == list(range(10))
     assert [reaction["changed"] for reaction in found["reactions"]] == [["objective"]]
     assert "10 episodes returned" in done.stdout
+    told = done.stderr.splitlines()  # no terminal: a line for each tenth of the episodes
+    assert len(told) == 10
+    assert told[-1].startswith("10 of 10 episodes; the last returned ")
     assert "recovered from" in done.stdout
     with open_knowledge(url) as knowledge:
         assert [row.name for row in knowledge.runs()] == ["moved.merap"]
@@ -65,6 +68,7 @@ def test_the_log_is_a_file_of_json_lines(run: RunFolder, scenario: Path, tmp_pat
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["manager"] == "none"
+    assert done.stderr == ""
     events = [json.loads(line) for line in log.read_text().splitlines()]
     assert len(events) == 10
     assert all(event["message"].startswith(f"episode {index} ") for index, event in enumerate(events))
@@ -91,6 +95,13 @@ def test_a_wrong_scenario_is_one_line_with_its_place(run: RunFolder, scenario: P
     scenario.write_text(MOVED.replace("episodes: 10", "episodes: ten"))
     line = refused("run", run.path, "--scenario", scenario)
     assert line == f"error: {scenario}:3: episodes: expected a whole number, got 'ten'"
+
+
+def test_run_finds_out_first_whether_it_can_write(scenario: Path, tmp_path: Path) -> None:
+    arguments = ["run", tmp_path / "no run", "--scenario", scenario]
+    assert "/proc/nope: can't be written" in refused(*arguments, "-o", "/proc/nope")
+    assert "there is no folder" in refused(*arguments, "--json", tmp_path / "no" / "such.json")
+    assert set(contents(tmp_path)) == {"moved.yaml"}
 
 
 def test_run_does_not_write_over_a_report(run: RunFolder, scenario: Path, tmp_path: Path) -> None:

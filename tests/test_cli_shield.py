@@ -41,3 +41,13 @@ def test_a_prior_without_a_shield_is_refused(run: RunFolder) -> None:
     assert done.returncode == 2
     assert "--hazard-prior: a prior on hazards needs a shield: give --shield too" in done.stderr
     assert done.stdout == ""
+
+
+def test_a_task_that_is_hopeless_within_the_threshold_is_called_so(run: RunFolder) -> None:
+    """At `island` every way to the goal risks 0.1: at 0 a robot stays away, -1 in each of 40 steps."""
+    arguments = ["adapt", run.path, "--system", "island", "--strategy", "oracle", "--steps", "1", "--shield"]
+    hopeless = merap(*arguments, "0")
+    assert "within the shield's threshold at most -40 can be earned, and the task can't be" in hopeless.stdout
+    found = json.loads(merap(*arguments, "0.3", "--json", "-").stdout)
+    assert found["safely_completed"] > 0.5
+    assert -40 < found["safe_optimum"] <= found["optimum"]

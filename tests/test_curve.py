@@ -171,4 +171,24 @@ def test_a_run_as_data() -> None:
         "cumulative_regret": 35 * 15,
         "sampled_regret": 0,
         "steps_back": 0,
+        "too_short": True,
     }
+
+
+@pytest.mark.parametrize(
+    ("values", "too_short"),
+    [
+        ([6], True),
+        ([-9, -9], True),
+        ([-9, 6, 6], True),
+        ([6, 6, 6], False),
+        ([-9, -9, -9], False),
+        ([6, 6, -9], False),
+        ([6, 6, 6, -9, 6], False),
+    ],
+)
+def test_a_run_that_ended_too_soon_says_so(values: list[float], too_short: bool) -> None:
+    """Three good rows in a row are needed: one or two at the end might have become three."""
+    run = run_of(values)
+    assert run.too_short is too_short
+    assert summary([run, run])["too_short"] == 2 * too_short

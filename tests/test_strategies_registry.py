@@ -79,7 +79,7 @@ def test_belief_refines_what_the_run_has_learned(met: Encounter) -> None:
     [
         (
             "magic",
-            "there is no strategy 'magic'; allowed: gradient, belief, ope, pretrained, joint, retrieval",
+            "there is no strategy 'magic'; known: gradient, belief, ope, pretrained, joint, retrieval",
         ),
         ("", "there is no strategy ''"),
         ("Gradient", "there is no strategy 'Gradient'"),

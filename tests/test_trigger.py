@@ -57,7 +57,7 @@ def episodes_until_alarm(trigger: Trigger, after: Combination, seed: int) -> int
 
 
 def triggers() -> list[Trigger]:
-    made = [make_trigger(settings) for settings in (SETTINGS, WindowSettings(threshold=-4.0))]
+    made = [make_trigger(settings, 0.95) for settings in (SETTINGS, WindowSettings(threshold=-4.0))]
     return [trigger for trigger in made if trigger is not None]
 
 

@@ -9,14 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from merap.cli import options
-from merap.cli.output import job_bar, number, require_free_report, say, table, write_json
-from merap.errors import OutputError
+from merap.cli.output import (
+    job_bar,
+    number,
+    progress_line,
+    require_free_folder,
+    require_free_report,
+    say,
+    table,
+    write_json,
+)
 
 if TYPE_CHECKING:
+    from merap.online.loop.records import EpisodeRow
     from merap.online.loop.scores import LoopReport
 
 PICTURE = "timeline"
 REPORT = "report.json"
+# Of progress, where no terminal shows a bar.
+LINES = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -61,13 +72,20 @@ def run(
 
     require_free_report(json, force=force)
     if out is not None:
-        _require_free(out, force=force)
+        require_free_folder(out, (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"), force=force)
     read = read_scenario(scenario)
     opened = read_run(run_folder)
     url = default_url(run_folder) if db is None else db
     lines = JsonLines(run_folder / FILE_NAME if log is None else log)
     with lines, open_knowledge(url, notice=lines.notice) as knowledge, job_bar() as bar:
         job = bar.add_task("Running", total=read.spec.episodes, note="")
+
+        def told(row: EpisodeRow) -> None:
+            done, of_all = row.episode + 1, read.spec.episodes
+            bar.update(job, completed=done, note=f"{row.earned:.4g}")
+            if str(json) != "-" and (done % max(1, of_all // LINES) == 0 or done == of_all):
+                progress_line(f"{done} of {of_all} episodes; the last returned {number(row.earned, 4)}")
+
         report = run_loop(
             opened,
             read,
@@ -75,7 +93,7 @@ def run(
             knowledge=knowledge,
             lines=lines,
             resume=resume,
-            on_episode=lambda row: bar.update(job, completed=row.episode + 1, note=f"{row.earned:.4g}"),
+            on_episode=told,
         )
     write_json(json, report.as_dict(), force=force)
     if out is not None:
@@ -84,12 +102,6 @@ def run(
         _show(report)
     if report.ended_by is not None:
         raise report.ended_by
-
-
-def _require_free(folder: Path, *, force: bool) -> None:
-    for name in (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"):
-        if (folder / name).exists() and not force:
-            raise OutputError(f"{folder / name}: exists already; choose another folder, or use --force")
 
 
 def _write(report: LoopReport, folder: Path, *, force: bool) -> None:

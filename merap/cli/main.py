@@ -7,7 +7,7 @@ import warnings
 
 import typer
 
-from merap.cli import inspection, knowledge, learning, loop, modelling, policies, serving, tools
+from merap.cli import adapting, inspection, knowledge, learning, loop, modelling, policies, serving, tools
 from merap.cli.output import complain
 from merap.errors import MerapError
 
@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for group in (inspection, modelling, learning, policies, loop, knowledge, serving, tools):
+for group in (inspection, modelling, learning, adapting, policies, loop, knowledge, serving, tools):
     group.register(app)
 
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -56,6 +57,12 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     )
 
 
+def progress_line(message: str) -> None:
+    """A line of progress on standard error, where no person watches a bar."""
+    if not err.is_terminal:
+        err.print(message, markup=False)
+
+
 @contextmanager
 def job_bar() -> Iterator[Progress]:
     """A bar with rate and time left on standard error, where a person watches."""
@@ -71,9 +78,38 @@ def job_bar() -> Iterator[Progress]:
 
 
 def require_free_report(path: Path | None, *, force: bool) -> None:
-    """Refuse a report that is there already, before any work is done for it."""
-    if path is not None and str(path) != "-" and not force and path.exists():
+    """Refuse a file that is there already, or can't be written, before any work is done for it.
+
+    Its folder must be there: only the folders of `--out` and of runs are made.
+    """
+    if path is None or str(path) == "-":
+        return
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder, expected the name of a file")
+    if not force and path.exists():
         raise OutputError(f"{path}: exists already; choose another name, or write over it with --force")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {path.parent}; make it first")
+    _require_writable(path.parent, path)
+
+
+def require_free_folder(folder: Path, names: Iterable[str], *, force: bool) -> None:
+    """Refuse a folder that holds one of the files, or can't be written, before any work is done for it."""
+    for name in names:
+        if (folder / name).exists() and not force:
+            raise OutputError(f"{folder / name}: exists already; choose another folder, or use --force")
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise OutputError(f"{folder}: {there} is a file, expected a folder")
+    _require_writable(there, folder)
+
+
+def _require_writable(folder: Path, path: Path) -> None:
+    try:
+        with TemporaryFile(dir=folder):
+            return
+    except OSError as error:
+        raise OutputError(f"{path}: can't be written: {error.strerror or error}") from error
 
 
 def write_json(path: Path | None, content: Any, *, force: bool) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from merap.cli import options
-from merap.cli.output import say, table, write_json
+from merap.cli.output import require_free_report, say, table, write_json
 from merap.concerns.schema import case_schema
 from merap.online.loop.scenario_schema import scenario_schema
 
@@ -29,6 +29,7 @@ def schema(
     force: options.Force = False,
 ) -> None:
     """Print the JSON Schema of the case file, or of the scenario file, for editors."""
+    require_free_report(out, force=force)
     content = scenario_schema() if scenario else case_schema()
     write_json(out if out is not None else options.STANDARD_OUTPUT, content, force=force)
 

@@ -17,6 +17,10 @@ Specified = TypeVar("Specified", bound=Spec)
 # pydantic's kind of error: what is allowed, with the values of its context.
 _EXPECTED: Mapping[str, str] = {
     "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_parsing": "a number",
+    "bool_parsing": "true or false",
     "float_type": "a number",
     "string_type": "text",
     "bool_type": "true or false",
@@ -26,6 +30,8 @@ _EXPECTED: Mapping[str, str] = {
     "too_long": "at most {max_length} entries",
     "greater_than": "a number above {gt}",
     "greater_than_equal": "a number of at least {ge}",
+    "less_than": "a number below {lt}",
+    "finite_number": "a finite number",
     "less_than_equal": "a number of at most {le}",
     "literal_error": "{expected}",
 }
@@ -47,7 +53,7 @@ def _first(document: Document, error: ValidationError) -> InputError:
     found = [(_path(document.data, details), details) for details in error.errors(include_url=False)]
     path, details = min(found, key=lambda item: document.line_of(item[0]))
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-    return document.error(path, _message(details) + more)
+    return document.error(path, message(details) + more)
 
 
 def _path(data: Any, details: ErrorDetails) -> KeyPath:
@@ -57,7 +63,8 @@ def _path(data: Any, details: ErrorDetails) -> KeyPath:
     return existing_path(data, (*parts, *inner))
 
 
-def _message(details: ErrorDetails) -> str:
+def message(details: ErrorDetails) -> str:
+    """What is wrong with a value in plain words: what is allowed, and what was given."""
     kind = details["type"]
     if kind == "missing":
         key = details["loc"][-1]

@@ -10,7 +10,9 @@ from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from merap.concerns.document import key_text
 from merap.concerns.names import suggestion
+from merap.concerns.validation import message
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
@@ -63,8 +65,6 @@ def _checked(settings: Mapping[str, Any], source: str) -> Mapping[str, Any]:
     try:
         TrainingConfig.model_validate(settings)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(
-            f"{first['msg']}, got {first['input']!r}", source=source, key=".".join(map(str, first["loc"]))
-        ) from error
+        first = error.errors(include_url=False)[0]
+        raise InputError(message(first), source=source, key=key_text(first["loc"])) from error
     return settings

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from merap.online.curve import Range, Run, as_dict, judged, summary
 from merap.online.encounter import UNDISTURBED, Conditions, Encounter, encounter, met_system, supervised
 from merap.online.running import adaptation, evaluator, executed
 from merap.online.shield.learning_shield import ShieldSettings
+from merap.online.shield.safe_optimum import SafeOptimum
 from merap.online.shield.shielded_strategy import ShieldedStrategy
 from merap.online.shield.supervision import Safety, total
 from merap.online.strategies.registry import ALL, GRADIENT, PRETRAINED, parse_strategy
 from merap.online.strategy import Strategy
 
 OnStep = Callable[[], None]
+Reasons: TypeAlias = tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +43,11 @@ class Adaptation:
         before: float64 [S, A + 1] or [T, S, A + 1], the policy of the first run before any
             episode; the last action is `end`.
         after: likewise, after its last update.
-        reasons: what the strategy of the first run said before any episode and after each update.
+        reasons: of each run, what the strategy said before any episode and after each update.
         model: the system's true model, on the canonical index.
         safety: of each run; empty if the system's objective declares nothing unsafe and there is no
             shield.
+        within_shield: what any policy can earn there within the shield's threshold; None: there is no shield.
     """
 
     system: str
@@ -54,9 +57,10 @@ class Adaptation:
     runs: tuple[Run, ...]
     before: Floats = field(repr=False)
     after: Floats = field(repr=False)
-    reasons: tuple[tuple[str, ...], ...] = field(repr=False)
+    reasons: tuple[Reasons, ...] = field(repr=False)
     model: TabularMDP = field(repr=False)
     safety: tuple[Safety, ...] = ()
+    within_shield: SafeOptimum | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -66,8 +70,10 @@ class Adaptation:
             "strategy": self.strategy,
             "optimum": self.reachable.optimum,
             "worst": self.reachable.worst,
+            "safe_optimum": None if self.within_shield is None else self.within_shield.value,
+            "safely_completed": None if self.within_shield is None else self.within_shield.completed,
             "runs": [as_dict(run) for run in self.runs],
-            "reasons": [list(lines) for lines in self.reasons],
+            "reasons": [[list(lines) for lines in of_run] for of_run in self.reasons],
             "summary": summary(self.runs),
             "safety": {"total": total(self.safety), "runs": [one.as_dict() for one in self.safety]}
             if self.safety
@@ -106,7 +112,8 @@ def adapt(
 
     Raises:
         InputError: the run is not finished, there is no seed, no such strategy, nothing to shield from, a
-            condition is out of range, or the system can't begin another episode.
+            condition is out of range, the episodes are too few for one policy update, or the system can't
+            begin another one.
     """
     require_adaptable(strategy, seeds)
     met = encounter(run, system, episodes_per_step=episodes_per_step, conditions=conditions, shield=shield)
@@ -136,16 +143,19 @@ def adapt_to(
 ) -> Adaptation:
     """Adapt to what is met; see `adapt`."""
     require_adaptable(strategy, seeds)
-    found: list[tuple[Run, Floats, Floats, Safety]] = []
-    reasons: list[tuple[str, ...]] = []
+    found: list[tuple[Run, Floats, Floats, Safety, Reasons]] = []
     with one_thread():
         for seed in seeds:
             of_system, of_strategy = np.random.default_rng(seed).spawn(2)
             chosen = met.strategy(strategy, of_strategy)
             limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
-            told = None if found else reasons
-            found.append(_followed(seed, met, chosen, of_system, limit, on_step, told))
-    runs, before, after, safety = zip(*found, strict=True)
+            if max_episodes is not None and limit < chosen.episodes_per_update:
+                raise InputError(
+                    f"{strategy} takes {chosen.episodes_per_update} real episodes for a policy update; "
+                    f"{limit} are too few"
+                )
+            found.append(_followed(seed, met, chosen, of_system, limit, on_step))
+    runs, before, after, safety, reasons = zip(*found, strict=True)
     return Adaptation(
         system=met.system.name,
         conditions=met.conditions,
@@ -154,9 +164,10 @@ def adapt_to(
         runs=runs,
         before=before[0],
         after=after[0],
-        reasons=tuple(reasons),
+        reasons=reasons,
         model=met.model,
         safety=safety if met.shield is not None or met.unsafe is not None else (),
+        within_shield=met.within_shield,
     )
 
 
@@ -167,22 +178,20 @@ def _followed(
     generator: np.random.Generator,
     max_episodes: int,
     on_step: OnStep,
-    reasons: list[tuple[str, ...]] | None,
-) -> tuple[Run, Floats, Floats, Safety]:
-    """One adaptation: the policies before and after, and what happened; `reasons` gets each row's reasons."""
+) -> tuple[Run, Floats, Floats, Safety, Reasons]:
+    """One adaptation: the policies before and after, what happened, and why, row by row."""
     simulated = met_system(met, generator)
     counted = supervised(met, simulated)
     before = executed(met.model, strategy.policy())
-    rows = []
+    rows, reasons = [], []
     for row in adaptation(counted, strategy, evaluator(met.model, met.context.horizon), max_episodes):
         rows.append(row)
-        if reasons is not None:
-            reasons.append(strategy.explain())
+        reasons.append(strategy.explain())
         if row.step:
             on_step()
     run = judged(seed, rows, met.reachable, simulated.steps_back)
     safety = counted.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
-    return run, before, executed(met.model, strategy.policy()), safety
+    return run, before, executed(met.model, strategy.policy()), safety, tuple(reasons)
 
 
 @dataclass(frozen=True, eq=False)

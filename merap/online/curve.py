@@ -66,6 +66,8 @@ class Run:
         sampled_regret: optimum minus what the same episodes returned, summed: with exploration,
             and with luck.
         steps_back: what the system took to get back to its start between episodes.
+        too_short: it never was within 5 % for three rows in a row, but might have been had it gone on: its
+            last row is, or there are fewer than three.
     """
 
     seed: int
@@ -77,6 +79,7 @@ class Run:
     cumulative_regret: float
     sampled_regret: float
     steps_back: int
+    too_short: bool
 
 
 def judged(
@@ -95,7 +98,8 @@ def judged(
         steps_back: what the system took to get back to its start between episodes.
         regret_episodes: regret is summed over that many real episodes from the first on; None: over all.
     """
-    near = lasting([reachable.within_5_percent(row.expected_return) for row in curve])
+    good = [reachable.within_5_percent(row.expected_return) for row in curve]
+    near = lasting(good)
     solved = lasting([reachable.solved(row.expected_return) for row in curve])
     last = math.inf if regret_episodes is None else regret_episodes
     counted = [
@@ -117,6 +121,7 @@ def judged(
             if now.sampled_return is not None
         ),
         steps_back=steps_back,
+        too_short=near is None and (good[-1] or len(good) < IN_A_ROW),
     )
 
 
@@ -130,14 +135,16 @@ def summary(runs: Sequence[Run]) -> dict[str, Any]:
     """Figures over runs.
 
     Means, medians and maxima of steps and episodes are of the runs that got there, `never` counts
-    the others. Quantiles are over all runs, where one that never got there counts as longer than
-    any; they are None where they fall on one of those.
+    the others, `too_short` those of them that ended before it could be told. Quantiles are over all
+    runs, where one that never got there counts as longer than any; they are None where they fall on
+    one of those.
     """
     steps = [run.steps_to_within_5_percent for run in runs]
     episodes = [run.episodes_to_within_5_percent for run in runs]
     solved = [run.episodes_to_solved for run in runs]
     return {
         "runs": len(runs),
+        "too_short": sum(run.too_short for run in runs),
         **_statistics("steps_to_within_5_percent", steps),
         **_statistics("episodes_to_within_5_percent", episodes),
         **_quantiles("episodes_to_within_5_percent", episodes),

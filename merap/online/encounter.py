@@ -17,6 +17,7 @@ from merap.online.curve import Range
 from merap.online.managed.slip import slipping_model
 from merap.online.running import reachable_range
 from merap.online.shield.learning_shield import ShieldSettings
+from merap.online.shield.safe_optimum import SafeOptimum, safe_optimum
 from merap.online.shield.shielded_strategy import ShieldedStrategy
 from merap.online.shield.supervision import Supervised, unsafe_of
 from merap.online.strategies.registry import StrategyContext, make_strategy
@@ -54,6 +55,7 @@ class Encounter:
         context: what strategies are made from.
         shield: what strategies are shielded by; None: nothing.
         unsafe: bool [P * Q], where the system's objective says so; None: it says nothing.
+        within_shield: what any policy can earn within the shield's threshold; None: there is no shield.
     """
 
     system: Combination
@@ -63,6 +65,7 @@ class Encounter:
     context: StrategyContext
     shield: ShieldSettings | None = None
     unsafe: Bools | None = None
+    within_shield: SafeOptimum | None = None
 
     def strategy(self, name: str, generator: np.random.Generator) -> Strategy:
         """A strategy before any episode, shielded if it is to be; see `registry.make_strategy`."""
@@ -86,7 +89,8 @@ def encounter(
     model = slipping_model(system, given.slip) if given.slip else model_of(system)
     horizon = system.objective.horizon
     context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
-    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe)
+    within = None if shield is None else safe_optimum(system, given.slip, shield.threshold)
+    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe, within)
 
 
 def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:

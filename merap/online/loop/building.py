@@ -30,6 +30,7 @@ from merap.online.loop.scenario import Scenario
 from merap.online.loop.scenario_schema import ScenarioSpec
 from merap.online.loop.scenario_system import ScenarioSystem
 from merap.online.loop.sensors import Sensors
+from merap.online.loop.strategy_check import require_strategy
 from merap.online.loop.truth import truths
 from merap.online.managed.deadline import Punctual
 from merap.online.managed.guarded import GuardedSystem, Retries
@@ -37,7 +38,7 @@ from merap.online.shield.learning_shield import ShieldSettings
 from merap.online.strategies.registry import StrategyContext
 from merap.online.systems import ManagedSystem
 from merap.online.trigger.making import make_trigger
-from merap.online.trigger.settings import ChangeSettings, TriggerSettings, read_trigger
+from merap.online.trigger.settings import ChangeSettings, WindowSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,7 @@ def build(
         InputError: the scenario does not fit the case, or a name is unknown.
     """
     spec, case = scenario.spec, run.case
+    require_strategy(scenario, run.names)
     fallback = scenario.action(case)
     drawn = np.random.default_rng(spec.seed).spawn(4)
     of_system, of_sensors, of_learner, of_planner = drawn
@@ -109,8 +111,8 @@ def build(
     chosen = make_manager(manager, spec.strategy, context)
     restart = spec.strategy.replan_from == "meta"
     learner = Learner(chosen.make, of_learner, restart=restart)
-    settings = _trigger_settings(scenario)
-    trigger = make_trigger(settings) if chosen.replans else None
+    settings = _trigger_settings(spec)
+    trigger = make_trigger(settings, case.discount) if chosen.replans else None
     readings = settings if isinstance(settings, ChangeSettings) else None
     analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
     shield = _shield(scenario, context.hypotheses, horizon)
@@ -150,14 +152,12 @@ def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> Ext
     )
 
 
-def _trigger_settings(scenario: Scenario) -> TriggerSettings:
+def _trigger_settings(spec: ScenarioSpec) -> ChangeSettings | WindowSettings | None:
     """Those of the file; the noise on rewards is stated to the trigger."""
-    spec = scenario.spec
-    given = dict(spec.trigger.settings)
-    if spec.trigger.kind == "change" and spec.noise.reward > 0:
-        given = {"noise": spec.noise.reward, **given}
-    with scenario.document.at("trigger"):
-        return read_trigger(spec.trigger.kind, given)
+    given = spec.trigger.settings
+    if isinstance(given, ChangeSettings) and spec.noise.reward > 0 and "noise" not in given.model_fields_set:
+        return given.model_copy(update={"noise": spec.noise.reward})
+    return given
 
 
 def _shield(scenario: Scenario, space: HypothesisSpace, horizon: int) -> LoopShield | None:

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from merap.concerns.schema import MAX_HORIZON, Concern, SystemSpec
 from merap.concerns.schema_base import Name, Spec, wrong
+from merap.online.trigger.settings import ChangeTriggerSpec, TriggerSpec
 
 MAX_EPISODES = 1_000_000
 MAX_SEED = 2**63 - 1
@@ -92,15 +93,6 @@ class ShieldSpec(Spec):
     )
 
 
-class TriggerSpec(Spec):
-    """When to re-plan."""
-
-    kind: Literal["change", "window", "none"] = Field(
-        default="change", description="a change detector; the paper's window; or never"
-    )
-    settings: dict[str, Any] = Field(default={}, description="settings of the trigger")
-
-
 class DeadlineSpec(Spec):
     """What happens when the planner is late, or the system faults."""
 
@@ -173,7 +165,7 @@ class ScenarioSpec(Spec):
     )
     strategy: StrategySpec = Field(default=StrategySpec(), description="of the learner")
     learning: LearningSpec = Field(default=LearningSpec(), description="of the learner, offline")
-    trigger: TriggerSpec = Field(default=TriggerSpec(), description="of the analyzer")
+    trigger: TriggerSpec = Field(default=ChangeTriggerSpec(), description="when to re-plan")
     shield: ShieldSpec | None = Field(default=None, description="left out: none")
     deadline: DeadlineSpec = Field(default=DeadlineSpec(), description="of a decision")
 

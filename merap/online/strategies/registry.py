@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from merap.base.build import model_of
+from merap.concerns.names import suggestion
 from merap.errors import InputError
 from merap.learning.checkpoint import read_policy
 from merap.learning.meta import MetaPolicy
@@ -192,8 +193,7 @@ def parse_strategy(name: str) -> tuple[str, str]:
     """
     kind, colon, argument = name.partition(":")
     if kind not in STRATEGIES:
-        allowed = ", ".join(STRATEGIES)
-        raise InputError(f"there is no strategy {name!r}; allowed: {allowed}")
+        raise InputError(f"there is no strategy {kind!r}{suggestion(kind, STRATEGIES)}")
     if kind == PRETRAINED and not argument:
         raise InputError(f"{name!r} lacks a combination; expected pretrained:<combination> or pretrained:all")
     if kind != PRETRAINED and colon:

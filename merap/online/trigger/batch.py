@@ -125,10 +125,10 @@ def window_rewards(settings: WindowSettings, readings: Readings) -> tuple[Ints, 
     if settings.steps is None:
         window: Ints = np.cumsum(readings.last) - readings.last
         start = np.concatenate([[0], np.flatnonzero(readings.last) + 1])
-        weighted = reward * settings.discount ** (np.arange(length) - start[window])
+        weighted = reward * settings.per_step ** (np.arange(length) - start[window])
         ends = np.flatnonzero(readings.last)
         return ends, sum_by(window, weighted, len(ends))[: len(ends)]
-    weights = settings.discount ** np.arange(settings.steps)
+    weights = settings.per_step ** np.arange(settings.steps)
     if length < settings.steps:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     every = 1 if settings.sliding else settings.steps

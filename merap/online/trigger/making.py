@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from merap.online.trigger.change import ChangeTrigger
-from merap.online.trigger.settings import ChangeSettings, NoTrigger, WindowSettings
+from merap.online.trigger.settings import ChangeSettings, WindowSettings
 from merap.online.trigger.trigger import Trigger
 from merap.online.trigger.window import WindowTrigger
 
 
-def make_trigger(settings: ChangeSettings | WindowSettings | NoTrigger) -> Trigger | None:
-    """The trigger that the settings describe; None: never re-plan."""
+def make_trigger(settings: ChangeSettings | WindowSettings | None, discount: float) -> Trigger | None:
+    """The trigger that the settings describe.
+
+    Args:
+        settings: None: never re-plan.
+        discount: of a step, as the case has it.
+    """
     if isinstance(settings, ChangeSettings):
         return ChangeTrigger(settings)
     if isinstance(settings, WindowSettings):
-        return WindowTrigger(settings)
+        given = settings.discount is not None
+        return WindowTrigger(settings if given else settings.model_copy(update={"discount": discount}))
     return None

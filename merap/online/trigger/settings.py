@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from merap.errors import InputError
+from merap.concerns.names import suggestion
+from merap.concerns.schema_base import Spec, shown, wrong
+
+KINDS = ("change", "window", "none")
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class WindowSettings(_Settings):
+class WindowSettings(Spec):
     """The paper's trigger: re-plan if a window's discounted reward is below TR."""
 
-    kind: Literal["window"] = "window"
     threshold: float = Field(description="TR, the least discounted reward of a window")
-    discount: float = Field(default=0.95, gt=0, le=1, description="of each step from the window's start")
+    discount: float | None = Field(
+        default=None, gt=0, le=1, description="of each step from the window's start; left out: the case's"
+    )
     steps: int | None = Field(
         default=None, ge=1, description="T2 - T1 + 1, the length of a window; left out: an episode"
     )
@@ -27,11 +27,15 @@ class WindowSettings(_Settings):
         default=False, description="a window ends at every step, not only where the one before it ended"
     )
 
+    @property
+    def per_step(self) -> float:
+        """The discount; 1 where there is no case to have one."""
+        return 1.0 if self.discount is None else self.discount
 
-class ChangeSettings(_Settings):
+
+class ChangeSettings(Spec):
     """A change detector: re-plan if the model no longer holds, and the policy is worth less for it."""
 
-    kind: Literal["change"] = "change"
     noise: float = Field(default=0.1, gt=0, description="standard deviation of the noise on rewards")
     tails: Literal["gaussian", "symmetric"] = Field(
         default="gaussian",
@@ -78,32 +82,52 @@ class ChangeSettings(_Settings):
     budget_steps: int = Field(default=2000, ge=1, description="steps for which a re-planning uses the budget")
 
 
-class NoTrigger(_Settings):
+class ChangeTriggerSpec(Spec):
+    """A change detector."""
+
+    kind: Literal["change"] = Field(default="change", description="which trigger")
+    settings: ChangeSettings = Field(default=ChangeSettings(), description="where they are not the defaults")
+
+
+class WindowTriggerSpec(Spec):
+    """The paper's trigger."""
+
+    kind: Literal["window"] = Field(description="which trigger")
+    settings: WindowSettings = Field(description="the threshold, and how long a window is")
+
+
+class NoTriggerSpec(Spec):
     """Never re-plan."""
 
-    kind: Literal["none"] = "none"
+    kind: Literal["none"] = Field(description="which trigger")
+
+    @property
+    def settings(self) -> None:
+        """There are none."""
 
 
-TriggerSettings: TypeAlias = Annotated[
-    ChangeSettings | WindowSettings | NoTrigger, Field(discriminator="kind")
+def _trigger_kind(value: Any) -> str | None:
+    return f"<{value.get('kind', 'change')}>" if isinstance(value, Mapping) else None
+
+
+def _known_trigger(value: Any) -> Any:
+    kind = value.get("kind", "change") if isinstance(value, Mapping) else "change"
+    if kind not in KINDS:
+        near = suggestion(kind, KINDS) if isinstance(kind, str) else f"; known: {', '.join(KINDS)}"
+        raise wrong(f"there is no trigger {shown(kind)}{near}", ("kind",))
+    if kind == "window" and "settings" not in value:
+        raise wrong("a window needs a threshold: settings: (threshold: TR)")
+    return value
+
+
+TriggerSpec = Annotated[
+    Annotated[ChangeTriggerSpec, Tag("<change>")]
+    | Annotated[WindowTriggerSpec, Tag("<window>")]
+    | Annotated[NoTriggerSpec, Tag("<none>")],
+    Discriminator(
+        _trigger_kind,
+        custom_error_type="merap",
+        custom_error_message="expected a mapping with kind and settings",
+    ),
+    BeforeValidator(_known_trigger),
 ]
-_ADAPTER: TypeAdapter[ChangeSettings | WindowSettings | NoTrigger] = TypeAdapter(TriggerSettings)
-
-
-def read_trigger(kind: str, given: Mapping[str, Any]) -> ChangeSettings | WindowSettings | NoTrigger:
-    """Settings from a file.
-
-    Args:
-        kind: `change`, `window` or `none`.
-        given: the settings that differ from the defaults.
-
-    Raises:
-        InputError: no such kind or setting, or a value that is not allowed; names it.
-    """
-    try:
-        return _ADAPTER.validate_python({**given, "kind": kind})
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = [str(part) for part in first["loc"] if part != kind]
-        key = ".".join(("trigger", *place))
-        raise InputError(f"{first['msg']}, got {first['input']!r}", key=key) from error

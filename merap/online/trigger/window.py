@@ -45,7 +45,7 @@ class WindowTrigger:
 
     def _judge(self) -> Alarm | None:
         """The window ends here."""
-        earned = sum(reward * self._settings.discount**t for t, reward in enumerate(self._rewards))
+        earned = sum(reward * self._settings.per_step**t for t, reward in enumerate(self._rewards))
         steps = len(self._rewards)
         if not self._settings.sliding:
             self._rewards.clear()

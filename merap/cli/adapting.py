@@ -1,0 +1,251 @@
+"""`adapt`: from a trained run to an adapted policy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from merap.cli import options
+from merap.cli.output import (
+    job_bar,
+    number,
+    require_free_folder,
+    require_free_report,
+    say,
+    table,
+    warn,
+    write_json,
+)
+from merap.concerns.combination import ResetMode
+from merap.errors import InputError
+
+if TYPE_CHECKING:
+    from merap.online.adaptation import Adaptation, Spread
+    from merap.online.shield.learning_shield import ShieldSettings
+    from merap.online.shield.safe_optimum import SafeOptimum
+
+SEED_LIMIT = 2**63
+STRATEGY_HELP = (
+    "gradient, belief, ope, retrieval, joint, oracle or pretrained:<combination>; "
+    "pretrained:all shows the best, the median and the worst of the base."
+)
+DEFAULT_EPISODES, DEFAULT_STEPS = 35, 30
+PICTURES = tuple(f"{name}.{kind}" for name in ("curve", "map") for kind in ("png", "svg"))
+SHOWN_STEPS = (0, 1, 2, 3, 5, 10, 20, 30, 50, 100)
+
+
+def register(app: typer.Typer) -> None:
+    """Add this verb."""
+    app.command()(adapt)
+
+
+def adapt(
+    run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
+    system: options.SystemName = "met",
+    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = "gradient",
+    episodes_per_step: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Real episodes of a step of gradient and ope, 35 by default; others take 1."
+        ),
+    ] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Policy updates; 30 by default.")] = None,
+    max_episodes: Annotated[
+        int | None, typer.Option(min=1, help="Real episodes at most, in place of --steps.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="a:b for seeds a to b - 1, or one seed.")] = "0:1",
+    reward_noise: Annotated[
+        float, typer.Option(min=0, metavar="SD", help="Deviation of Gaussian noise on rewards.")
+    ] = 0.0,
+    slip: Annotated[
+        float, typer.Option(min=0, max=1, metavar="P", help="Probability that an action does nothing.")
+    ] = 0.0,
+    reset: Annotated[
+        ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
+    ] = None,
+    shield: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest probability to ever reach an unsafe state in an episode; no shield if left out."
+        ),
+    ] = None,
+    hazard_prior: Annotated[
+        float,
+        typer.Option(help="Probability of a location to be unsafe though no model says so; with --shield."),
+    ] = 0.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for curve and map, as PNG and SVG.")
+    ] = None,
+    json: options.Json = None,
+    force: options.Force = False,
+) -> None:
+    """Adapt to a system that is met online, and score it against the optimum."""
+    from merap.learning.run_folder import read_run
+    from merap.online import adaptation
+    from merap.online.encounter import Conditions, encounter
+    from merap.online.strategies.registry import ALL, PRETRAINED, parse_strategy
+
+    require_free_report(json, force=force)
+    if out is not None:
+        require_free_folder(out, PICTURES, force=force)
+    spread = parse_strategy(strategy) == (PRETRAINED, ALL)
+    each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
+    opened = read_run(run)
+    chosen = _seeds(seeds)
+    met = encounter(
+        opened,
+        opened.case.system(system),
+        episodes_per_step=each,
+        conditions=Conditions(reward_noise, slip, reset),
+        shield=_shield(shield, hazard_prior),
+    )
+    report: Adaptation | Spread
+    with job_bar() as bar:
+        job = bar.add_task("Adapting", total=len(chosen) * steps * (3 if spread else 1), note="")
+
+        def count() -> None:
+            bar.advance(job)
+
+        if spread:
+            report = adaptation.spread_of_pretrained(met, steps=steps, seeds=chosen, on_step=count)
+        else:
+            report = adaptation.adapt_to(met, strategy, steps=steps, seeds=chosen, on_step=count)
+    shown = report.shown if isinstance(report, adaptation.Spread) else (report,)
+    write_json(json, report.as_dict(), force=force)
+    if out is not None:
+        _draw(shown, met.system, out, force=force)
+    if str(json) != "-":
+        for found in shown:
+            _show(found)
+
+
+def _lengths(
+    strategy: str, episodes_per_step: int | None, steps: int | None, max_episodes: int | None
+) -> tuple[int, int]:
+    """Real episodes of a gradient step, and policy updates."""
+    from merap.online.strategies.registry import STEPPING, episodes_per_update, parse_strategy
+
+    kind, _ = parse_strategy(strategy)
+    if episodes_per_step is not None and kind not in STEPPING:
+        warn([f"--episodes-per-step is of {' and '.join(STEPPING)} alone: {kind} takes 1 episode each"])
+    each = DEFAULT_EPISODES if episodes_per_step is None else episodes_per_step
+    if max_episodes is None:
+        return each, DEFAULT_STEPS if steps is None else steps
+    if steps is not None:
+        raise InputError("--steps says how long already; give one of the two", source="--max-episodes")
+    needed = episodes_per_update(strategy, each)
+    if max_episodes < needed:
+        raise InputError(
+            f"a step of {kind} takes {needed} real episodes, so {max_episodes} are too few for one; give at "
+            f"least {needed}, or fewer by --episodes-per-step",
+            source="--max-episodes",
+        )
+    return each, max_episodes // needed
+
+
+def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | None:
+    if threshold is None:
+        if hazard_prior:
+            raise InputError("a prior on hazards needs a shield: give --shield too", source="--hazard-prior")
+        return None
+    from merap.online.shield.learning_shield import ShieldSettings
+
+    return ShieldSettings(threshold, hazard_prior)
+
+
+def _seeds(text: str) -> range:
+    first, colon, end = text.partition(":")
+    if not (first.isdecimal() and (end.isdecimal() if colon else not end)):
+        raise InputError(f"expected a:b with whole numbers or one seed, got {text!r}", source="--seeds")
+    seeds = range(int(first), int(end) if colon else int(first) + 1)
+    if not seeds:
+        raise InputError(f"{text!r} holds no seed", source="--seeds")
+    if seeds.stop > SEED_LIMIT:
+        raise InputError(f"seeds must be below {SEED_LIMIT}, got {text!r}", source="--seeds")
+    return seeds
+
+
+def _show(found: Adaptation) -> None:
+    """The mean curve at some steps, then the scores."""
+    say(f"{found.strategy}, {len(found.runs)} seeds")
+    curves = [run.curve for run in found.runs]
+    rows = []
+    last = len(curves[0]) - 1
+    for step in [*(step for step in SHOWN_STEPS if step < last), last]:
+        values = [curve[step].expected_return for curve in curves]
+        mean = sum(values) / len(values)
+        cells = (mean, min(values), max(values))
+        rows.append((str(step), str(curves[0][step].episodes), *(number(cell, 4) for cell in cells)))
+    table(("step", "episodes", "expected return", "least", "greatest"), rows)
+    scores: dict[str, Any] = found.as_dict()["summary"]
+    say(f"optimum {number(found.reachable.optimum)}, worst {number(found.reachable.worst)}")
+    if found.within_shield is not None:
+        _show_within(found.within_shield)
+    say(
+        f"within 5 percent after {number(scores['mean_steps_to_within_5_percent'], 3)} steps on average "
+        f"({number(scores['mean_episodes_to_within_5_percent'], 3)} episodes); "
+        f"never: {scores['never_steps_to_within_5_percent'] - scores['too_short']} of {scores['runs']} runs"
+    )
+    if scores["too_short"]:
+        say(
+            f"too short to tell: {scores['too_short']} of {scores['runs']} runs; three rows in a row must be "
+            "within 5 percent, so give more --steps or --max-episodes"
+        )
+    half, most = (
+        number(scores[f"quantile_{percent}_episodes_to_within_5_percent"], 3) for percent in (50, 95)
+    )
+    say(f"half of the runs within {half} episodes, 95 percent within {most}")
+    first, total, sampled = (
+        number(scores[f"mean_{kind}_regret"], 4) for kind in ("first_episode", "cumulative", "sampled")
+    )
+    say(f"regret: {first} in the first episode, {total} in all; what the episodes really lost: {sampled}")
+    say(f"seed {found.runs[0].seed}, at the end:")
+    for line in found.reasons[0][-1]:
+        say(f"  {line}")
+    if found.safety:
+        _show_safety(found.as_dict()["safety"]["total"])
+
+
+def _show_within(possible: SafeOptimum) -> None:
+    """What the shield leaves to be had."""
+    line = f"within the shield's threshold at most {number(possible.value)} can be earned"
+    if possible.completed == 0:
+        line += ", and the task can't be completed: there is no way to do it as safely as that"
+    say(line)
+
+
+def _show_safety(sums: Mapping[str, Any]) -> None:
+    episodes = sums["episodes"]
+    say(f"violations: {sums['violations']} of {episodes} episodes; completed: {sums['completed']}")
+    shield = sums["shield"]
+    if shield is not None:
+        say(
+            f"shield at {shield['threshold']:g}: {shield['withheld']} actions withheld in {shield['steps']} "
+            f"steps; nothing within the budget, so the least risky: {shield['fallbacks']} steps; beyond it "
+            f"from the start: {shield['beyond_from_start']} episodes"
+        )
+
+
+def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -> None:
+    """The curves of all, and the map of the first."""
+    from merap.report.curves import draw_adaptation
+    from merap.report.map import draw_before_after
+    from merap.report.path import most_likely_path
+    from merap.report.saving import save_figure
+
+    found = shown[0]
+    curves = {one.strategy: [[row.expected_return for row in run.curve] for run in one.runs] for one in shown}
+    title = f"Adaptation to {found.system}"
+    optimum, worst = found.reachable.optimum, found.reachable.worst
+    paths = [
+        most_likely_path(found.model, met, policy, met.objective.horizon, label=label)
+        for policy, label in ((found.before, "before"), (found.after, "after"))
+    ]
+    written = [
+        *save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force),
+        *save_figure(draw_before_after(met, *paths), folder / "map", force=force),
+    ]
+    say("wrote " + ", ".join(str(path) for path in written))
