@@ -10,7 +10,12 @@ import pytest
 
 from merap.errors import InputError, StorageError
 from merap.learning.run_folder import RunFolder
+from merap.mdp.model import TabularMDP
 from merap.online.knowledge.base import KnowledgeBase, open_knowledge
+from merap.online.knowledge.patience import Patience
+from merap.online.logs import JsonLines
+from merap.online.loop import memory
+from merap.online.loop.memory import umb_bytes
 from merap.online.loop.records import EpisodeRow
 from merap.online.loop.running import run_loop
 from merap.online.managed.guarded import GuardedSystem, Retries
@@ -143,13 +148,34 @@ def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
             with open_knowledge(f"sqlite:///{knowledge.place}") as other:
                 run_loop(run, found, knowledge=other, resume=True)
 
-    with pytest.raises(StorageError, match="another process goes on with this run") as late:
-        run_loop(run, found, knowledge=knowledge, on_episode=overtaken)
+    lines = JsonLines(tmp_path / "events.jsonl")
+    with pytest.raises(StorageError, match="another process goes on with this run") as late, lines:
+        run_loop(run, found, knowledge=knowledge, lines=lines, on_episode=overtaken)
     assert "\n" not in str(late.value)
+    # the log tells of what was kept, and of the error
+    *told, last = (tmp_path / "events.jsonl").read_text().splitlines()
+    assert "episode 2 returned" in told[-1]
+    assert "another process goes on with this run" in last
     recorded = [row.episode for row in knowledge.decisions(1) if row.kind == "episode"]
     assert recorded == list(range(EPISODES))
     assert knowledge.counts(1)["checkpoint"] == EPISODES
     assert timeless(run_loop(run, found, knowledge=knowledge, resume=True)) == undisturbed
+
+
+def test_others_can_write_while_models_are_packed(
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = []
+
+    def beside(model: TabularMDP) -> bytes:
+        with open_knowledge(f"sqlite:///{knowledge.place}", patience=Patience(limit=0)) as other:
+            packed.append(other.start_run("beside", "case", "digest", {}))
+        return umb_bytes(model)
+
+    monkeypatch.setattr(memory, "umb_bytes", beside)
+    run_loop(run, scenario(tmp_path), knowledge=knowledge)
+    assert packed
+    assert len(knowledge.models(1)) == len(packed)
 
 
 def test_a_run_that_two_processes_have_mixed_in_is_not_gone_on_with(

@@ -123,7 +123,7 @@ class EventLog:
         Raises:
             StorageError: the file can't be written, or too many events wait for the knowledge base.
         """
-        row = EventRow(now(), component, level, " ".join(message.split()), plain(data))
+        row = event_row(component, level, message, **data)
         with self._lock:
             if self._lines is not None:
                 self._lines.write(row)
@@ -147,6 +147,11 @@ class EventLog:
                 for row in self._waiting:
                     self._knowledge.record_event(self._run, row)
             self._waiting.clear()
+
+
+def event_row(component: str, level: Level, message: str, **data: object) -> EventRow:
+    """An event of now; the arguments are those of `EventLog.event`."""
+    return EventRow(now(), component, level, " ".join(message.split()), plain(data))
 
 
 def plain(value: Any) -> Any:

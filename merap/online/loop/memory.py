@@ -22,8 +22,8 @@ from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import write_umb
 from merap.online.knowledge.base import KnowledgeBase
-from merap.online.knowledge.rows import DecisionRow, Level, ObservationRow
-from merap.online.logs import EventLog, JsonLines
+from merap.online.knowledge.rows import DecisionRow, EventRow, Level, ObservationRow, PolicyKind
+from merap.online.logs import EventLog, JsonLines, event_row
 from merap.online.loop.messages import Execution
 from merap.online.loop.records import EpisodeLog, EpisodeRow
 from merap.online.managed.deadline import Lateness
@@ -75,6 +75,17 @@ class Past:
 NOTHING = Past()
 
 
+@dataclass(frozen=True, eq=False)
+class _Learned:
+    """A policy as it is kept, with the model that it was made for (`umb`), if there is one."""
+
+    kind: PolicyKind
+    updates: int
+    tensors: bytes = field(repr=False)
+    name: str
+    umb: bytes | None = field(repr=False)
+
+
 class Memory:
     """A run in a knowledge base.
 
@@ -87,31 +98,31 @@ class Memory:
     def __init__(self, knowledge: KnowledgeBase, run: int, lines: JsonLines | None = None) -> None:
         self._knowledge = knowledge
         self._run = run
+        self._lines = lines
         self._log = EventLog(lines, knowledge, run)
 
     def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any] | None) -> None:
-        """Keep an episode and the state of the system after it, if it has one, or nothing of it."""
+        """Keep an episode and the state of the system after it, if it has one, or nothing of it.
+
+        What takes long is done before the lock on the knowledge base is held, and the log is written after
+        it: the lines are of what is kept.
+        """
         knowledge, run = self._knowledge, self._run
+        observations, decisions, events = observation_rows(log), _decisions(log, row), _events(log, row)
+        learned, state = _learned(log), json.dumps(system).encode()
         with knowledge.transaction():
-            knowledge.record_observations(run, observation_rows(log))
-            for decision in log.decisions:
-                knowledge.record_decision(
-                    run, DecisionRow(log.episode, decision.step, decision.kind, decision.reasons)
-                )
-            content = {"row": asdict(row), "seconds": log.seconds, "taken": _taken(log)}
-            knowledge.record_decision(run, DecisionRow(log.episode, row.steps, EPISODE, (), content))
-            if log.policy is not None:
-                model = None
-                if log.model is not None:
-                    model = knowledge.record_model(run, f"analysis_{log.episode}", umb_bytes(log.model))
-                tensors = save({"policy": np.ascontiguousarray(log.policy.table)})
-                knowledge.record_policy(run, "adapted", log.policy.update, tensors, model)
-            if log.extension is not None:
-                added = knowledge.record_model(run, log.extension.name, umb_bytes(log.extension.model))
-                learned = policy_bytes(log.extension.meta)
-                knowledge.record_policy(run, "meta", log.extension.updates, learned, added)
-            self._tell(log, row)
-            knowledge.record_checkpoint(run, log.episode + 1, json.dumps(system).encode())
+            knowledge.record_observations(run, observations)
+            for decision in decisions:
+                knowledge.record_decision(run, decision)
+            for made in learned:
+                model = None if made.umb is None else knowledge.record_model(run, made.name, made.umb)
+                knowledge.record_policy(run, made.kind, made.updates, made.tensors, model)
+            for event in events:
+                knowledge.record_event(run, event)
+            knowledge.record_checkpoint(run, log.episode + 1, state)
+        if self._lines is not None:
+            for event in events:
+                self._lines.write(event)
 
     def finish(self, report: Mapping[str, Any]) -> None:
         """Keep the report, if there is none."""
@@ -122,23 +133,45 @@ class Memory:
         """The run has ended before its last episode, and can be gone on with."""
         self._log.event("executor", "error", str(fault))
 
-    def _tell(self, log: EpisodeLog, row: EpisodeRow) -> None:
-        """The log: what went wrong, what was decided, how the episode ended."""
-        for problem in log.problems:
-            self._event("executor", "warning", problem.message, log.episode, problem.step)
-        for decision in log.decisions:
-            if decision.kind in _TOLD:
-                message = f"{decision.kind}: {'; '.join(decision.reasons)}"
-                self._event(*_TOLD[decision.kind], message, log.episode, decision.step)
-        if row.faults:
-            faults = ", ".join(f"{count} {kind}" for kind, count in row.faults.items())
-            self._event("executor", "warning", f"faults of the system: {faults}", log.episode, row.steps)
-        of = "" if row.possible is None else f" of {row.possible:.4g}"
-        message = f"episode {row.episode} returned {row.earned:.4g}{of}"
-        self._event("monitor", "info", message, log.episode, row.steps)
 
-    def _event(self, component: str, level: Level, message: str, episode: int, step: int) -> None:
-        self._log.event(component, level, message, episode=episode, step=step)
+def _decisions(log: EpisodeLog, row: EpisodeRow) -> list[DecisionRow]:
+    """What was decided in an episode, and its row of the report."""
+    made = [DecisionRow(log.episode, one.step, one.kind, one.reasons) for one in log.decisions]
+    content = {"row": asdict(row), "seconds": log.seconds, "taken": _taken(log)}
+    return [*made, DecisionRow(log.episode, row.steps, EPISODE, (), content)]
+
+
+def _learned(log: EpisodeLog) -> list[_Learned]:
+    """The policies that an episode has led to."""
+    made = []
+    if log.policy is not None:
+        umb = None if log.model is None else umb_bytes(log.model)
+        tensors = save({"policy": np.ascontiguousarray(log.policy.table)})
+        made.append(_Learned("adapted", log.policy.update, tensors, f"analysis_{log.episode}", umb))
+    if log.extension is not None:
+        added = log.extension
+        tensors = policy_bytes(added.meta)
+        made.append(_Learned("meta", added.updates, tensors, added.name, umb_bytes(added.model)))
+    return made
+
+
+def _events(log: EpisodeLog, row: EpisodeRow) -> list[EventRow]:
+    """The log: what went wrong, what was decided, how the episode ended."""
+
+    def event(component: str, level: Level, message: str, step: int) -> EventRow:
+        return event_row(component, level, message, episode=log.episode, step=step)
+
+    told = [event("executor", "warning", problem.message, problem.step) for problem in log.problems]
+    for decision in log.decisions:
+        if decision.kind in _TOLD:
+            message = f"{decision.kind}: {'; '.join(decision.reasons)}"
+            told.append(event(*_TOLD[decision.kind], message, decision.step))
+    if row.faults:
+        faults = ", ".join(f"{count} {kind}" for kind, count in row.faults.items())
+        told.append(event("executor", "warning", f"faults of the system: {faults}", row.steps))
+    of = "" if row.possible is None else f" of {row.possible:.4g}"
+    told.append(event("monitor", "info", f"episode {row.episode} returned {row.earned:.4g}{of}", row.steps))
+    return told
 
 
 def umb_bytes(model: TabularMDP) -> bytes:
