@@ -40,6 +40,16 @@ def test_within_5_percent_of_the_optimum(optimum: float, value: float, within: b
     assert Range(optimum, optimum - 10).within_5_percent(value) is within
 
 
+@pytest.mark.parametrize(("value", "good"), [(0.0, True), (-1e-12, True), (-1e-6, False)])
+def test_an_optimum_of_0_is_reached_up_to_rounding(value: float, good: bool) -> None:
+    """1e-9 of the 10 between the best and the worst."""
+    assert Range(0.0, -10.0).within_5_percent(value) is good
+
+
+def test_where_all_policies_are_worth_the_same_all_are_good() -> None:
+    assert Range(-9.0, -9.0).solved(-9.000000000000002)
+
+
 @pytest.mark.parametrize(
     ("optimum", "worst", "value", "solved"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -63,6 +64,12 @@ def test_what_a_change_does() -> None:
     # -0.5 in each of 18 steps
     assert on_path.loss == pytest.approx((before().value + 9) / before().value)
     assert effect(before(), changed(goal=(4, 3))).visited
+
+
+def test_a_loss_where_the_value_is_0_is_a_part_of_what_there_is_to_lose() -> None:
+    """Nothing is earned, the worst is -0.5 in each of 18 steps, and the change leads to that."""
+    on_path = effect(replace(before(), value=0.0), changed(blocked=path_cell()))
+    assert on_path.loss == pytest.approx(1.0)
 
 
 def test_a_harmless_change_on_the_way_is_told_apart() -> None:

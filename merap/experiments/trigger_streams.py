@@ -13,7 +13,7 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.mdp.evaluation import as_policy, expected_return
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.planning import backward_induction
+from merap.mdp.planning import backward_induction, worst_value
 from merap.mdp.simulation import simulator
 from merap.online.managed.slip import slipping_model
 from merap.online.running import executed
@@ -52,7 +52,8 @@ class Effect:
 
     Attributes:
         visited: the policy, on the known model, reaches a step whose outcomes or rewards are others now.
-        loss: value on the known model less value on the real one, as a part of the former.
+        loss: value on the known model less value on the real one, as a part of the former; where that is 0,
+            of what it is better by than the worst policy.
     """
 
     visited: bool
@@ -69,8 +70,15 @@ def known(combination: Combination, slip: float) -> Known:
 def effect(before: Known, real: TabularMDP) -> Effect:
     """What it means for the policy that `real` is there instead of the known model."""
     value = expected_return(real, executed(real, before.policy), before.horizon)
-    loss = (before.value - value) / abs(before.value)
-    return Effect(_visited(before, real), loss)
+    return Effect(_visited(before, real), (before.value - value) / _at_stake(before))
+
+
+def _at_stake(before: Known) -> float:
+    """What losses are a part of; 1 where no policy earns or loses anything."""
+    if abs(before.value) > EQUAL:
+        return abs(before.value)
+    spread = before.value - worst_value(before.model, before.horizon)
+    return spread if spread > EQUAL else 1.0
 
 
 def _visited(before: Known, real: TabularMDP) -> bool:

@@ -13,6 +13,8 @@ import numpy as np
 WITHIN = 0.05
 SOLVED = 0.02
 IN_A_ROW = 3
+# Values are exact up to that part of what is at stake; an optimum of 0 is reached at -1e-12.
+ROUNDING = 1e-9
 QUANTILES = (50, 95)
 
 
@@ -42,12 +44,16 @@ class Range:
     worst: float
 
     def within_5_percent(self, value: float) -> bool:
-        """Whether optimum - value <= 0.05 |optimum|."""
-        return self.optimum - value <= WITHIN * abs(self.optimum)
+        """Whether optimum - value <= 0.05 |optimum|, up to rounding."""
+        return self.optimum - value <= WITHIN * abs(self.optimum) + self._rounding
 
     def solved(self, value: float) -> bool:
-        """Whether optimum - value <= 0.02 (optimum - worst)."""
-        return self.optimum - value <= SOLVED * (self.optimum - self.worst)
+        """Whether optimum - value <= 0.02 (optimum - worst), up to rounding."""
+        return self.optimum - value <= SOLVED * (self.optimum - self.worst) + self._rounding
+
+    @property
+    def _rounding(self) -> float:
+        return ROUNDING * max(self.optimum - self.worst, abs(self.optimum))
 
 
 @dataclass(frozen=True)
