@@ -19,6 +19,7 @@ from merap.online.belief.actions import ActionTable
 from merap.online.belief.cells import BOTH, added, closed_probability, obstacle_probability, with_unknown
 from merap.online.belief.posterior import MAX_COUPLED, Belief, coupled_by, open_moves, reweighted, weights
 from merap.online.belief.space import HypothesisSpace
+from merap.online.systems import Observation
 
 # Values of a real attribute, when it is a matter of hitting one by luck.
 MANY = 1e9
@@ -47,6 +48,18 @@ def family(space: HypothesisSpace, belief: Belief) -> Ints:
     num_classes = space.capability_class[-1] + 1
     unknown_capability = np.arange(len(space.capability_names)) >= len(space.capability_names) - num_classes
     return np.asarray(unknown_environment[:, np.newaxis] + 2 * unknown_capability)
+
+
+def observe_state(space: HypothesisSpace, belief: Belief, state: int, observation: Observation) -> Belief:
+    """All that being in a state tells, after a reset, a step or a gap: S, the completed state, is nowhere.
+
+    Raises:
+        InputError: the detections can't be used.
+    """
+    if state < space.num_states:
+        belief = observe_presence(space, belief, state)
+        belief = observe_enabled(space, belief, state, observation.enabled)
+    return observe_detections(space, belief, observation.detections)
 
 
 def observe_presence(space: HypothesisSpace, belief: Belief, state: int) -> Belief:

@@ -18,18 +18,11 @@ from merap.online.belief.model import DomainModel, mean_model, tabular
 from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.remembering import remembered
 from merap.online.belief.space import HypothesisSpace
-from merap.online.belief.update import (
-    Step,
-    observe_detections,
-    observe_enabled,
-    observe_presence,
-    observe_step,
-)
+from merap.online.belief.update import Step, observe_state, observe_step
 from merap.online.curve import Range
 from merap.online.loop.messages import AdaptedPolicy, Analysis, Monitored, Phase, Sighting, Transition
 from merap.online.loop.rivals import Rival, Rivals
 from merap.online.running import executed
-from merap.online.systems import Observation
 from merap.online.trigger.readings import Forecast, Steps
 from merap.online.trigger.settings import ChangeSettings
 from merap.online.trigger.trigger import Alarm, Reading, Trigger
@@ -207,17 +200,9 @@ class Analyzer:
     def _taken_in(self, belief: Belief, news: Transition | Sighting) -> Belief:
         if isinstance(news, Transition):
             step = Step(news.state, news.action, news.target, news.observation.reward)
-            return self._seen(observe_step(self._space, belief, step), news.target, news.observation)
-        return self._seen(belief, news.state, news.observation)
-
-    def _seen(self, belief: Belief, state: int, observation: Observation) -> Belief:
-        """What being somewhere tells."""
-        if state < self._space.num_states:
-            belief = observe_presence(self._space, belief, state)
-            belief = observe_enabled(self._space, belief, state, observation.enabled)
-        if observation.detections:
-            belief = observe_detections(self._space, belief, observation.detections)
-        return belief
+            belief = observe_step(self._space, belief, step)
+            return observe_state(self._space, belief, news.target, news.observation)
+        return observe_state(self._space, belief, news.state, news.observation)
 
     def _whereabouts(self, monitored: Monitored) -> Floats:
         """float64 [S], given that the episode isn't over unless that was seen."""
