@@ -26,13 +26,7 @@ from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.remembering import remembered
 from merap.online.belief.space import HypothesisSpace
 from merap.online.belief.testing import Trial, hopes
-from merap.online.belief.update import (
-    Step,
-    observe_detections,
-    observe_enabled,
-    observe_presence,
-    observe_step,
-)
+from merap.online.belief.update import Step, observe_state, observe_step
 from merap.online.strategy import StateIndex, best_allowed
 from merap.online.systems import Observation
 
@@ -118,15 +112,8 @@ class BeliefStrategy:
         if time == 0:
             self._start = np.zeros(self._space.num_states)
             self._start[self._state] = 1.0
-        self.belief = observe_presence(self._space, self.belief, self._state)
-        self._look(observation)
+        self.belief = observe_state(self._space, self.belief, self._state, observation)
         self._replan()
-
-    def _look(self, observation: Observation) -> None:
-        if self._state < self._space.num_states:
-            self.belief = observe_enabled(self._space, self.belief, self._state, observation.enabled)
-        if observation.detections:
-            self.belief = observe_detections(self._space, self.belief, observation.detections)
 
     def act(self, allowed: Bools) -> int:
         """The next action; later than T the last step's."""
@@ -196,7 +183,7 @@ class BeliefStrategy:
         self.belief = observe_step(self._space, self.belief, step)
         self._state = target
         self._time += 1
-        self._look(observation)
+        self.belief = observe_state(self._space, self.belief, self._state, observation)
 
     def update(self) -> None:
         """Plan on what is believed now."""
