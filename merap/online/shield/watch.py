@@ -11,13 +11,7 @@ from collections.abc import Mapping
 from merap.errors import InputError
 from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.space import HypothesisSpace
-from merap.online.belief.update import (
-    Step,
-    observe_detections,
-    observe_enabled,
-    observe_presence,
-    observe_step,
-)
+from merap.online.belief.update import Step, observe_state, observe_step
 from merap.online.shield.credible import credible, credible_outcomes, unsafe_states
 from merap.online.shield.hazards import Hazards
 from merap.online.shield.outcomes import OutcomeSets
@@ -102,11 +96,8 @@ class Watch:
 
     def _look(self, observation: Observation) -> None:
         if self.state < self._space.num_states:
-            self.belief = observe_presence(self._space, self.belief, self.state)
-            self.belief = observe_enabled(self._space, self.belief, self.state, observation.enabled)
             self._source.visit(self.state, observation.detections)
-        if observation.detections:
-            self.belief = observe_detections(self._space, self.belief, observation.detections)
+        self.belief = observe_state(self._space, self.belief, self.state, observation)
 
     def outcomes(self) -> OutcomeSets:
         """What each action may lead to; the same object while the same is credible."""
