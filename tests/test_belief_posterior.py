@@ -12,7 +12,7 @@ from merap.concerns.combination import Combination
 from merap.errors import InputError
 from merap.mdp.model import Floats
 from merap.online.belief.outside import Outside
-from merap.online.belief.posterior import Belief, concern_weights, prior_belief, weights
+from merap.online.belief.posterior import Belief, concern_weights, prior_belief, reweighted, weights
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.update import Step, observe_detections, observe_step
 from tests.belief_routes import STRIP, Seen, inferred, log_likelihood, trajectory
@@ -54,6 +54,69 @@ def test_weights_in_the_base_are_those_of_whole_models(tmp_path: Path, seed: int
         [log_likelihood(combination, seen, NOISE, 0.0) for combination in case.combinations()]
     )
     np.testing.assert_allclose(found.ravel() / found.sum(), normalised(expected), atol=1e-9)
+
+
+# Drifts to the right or down, which may be closed; where it ends tells the goal, but is not seen.
+DRIFT = """\
+case: drift
+discount: 0.9
+space:
+  grid: {rows: 2, cols: 2, moves: {down: [1, 0], right: [0, 1]}}
+environment:
+  parameters: {blocked: locations}
+  configurations: {free: {blocked: []}, right_blocked: {blocked: [[0, 1]]}}
+capability:
+  parameters: {no_entry: locations, bias: probability}
+  actions:
+    stop: {stay: 1}
+    drift: {move: right, probability: bias, otherwise: down}
+  configurations:
+    even: {no_entry: [], bias: 0.5}
+    biased: {no_entry: [], bias: 0.9}
+    lame: {no_entry: [[1, 0]], bias: 0.5}
+objective:
+  parameters: {goal: location}
+  start: [0, 0]
+  horizon: 5
+  rewards:
+    - {value: -0.5}
+  ends_in: {at: goal}
+  configurations: {right: {goal: [0, 1]}, low: {goal: [1, 0]}}
+"""
+
+
+def test_what_couples_dynamics_and_objective_is_kept_exactly(tmp_path: Path) -> None:
+    """The task ends with the first drift: then one of the ways is open, and the goal is there.
+
+    By hand, too: to the right 1/2, 9/10 and 1/2 where it is free, else never; down 1/2, 1/10, never.
+    """
+    case = load_case(write_case(tmp_path, DRIFT))
+    space = hypothesis_space(case, noise=NOISE)
+    ended = Seen((0, 1), Step(0, 1, space.num_states, -0.5))
+    environments, capabilities, objectives = case.shape
+    belief = inferred(case, space, [ended])
+    found = joint(space, belief)[:environments, :capabilities, 0, :objectives]
+    expected = [log_likelihood(combination, [ended], NOISE, 0.0) for combination in case.combinations()]
+    np.testing.assert_allclose(found.ravel() / found.sum(), normalised(np.array(expected)), atol=1e-12)
+    down = np.array([0.5, 0.1, 0.0])
+    by_hand = np.array([[[0.5, 0.9, 0.5], down], [[0.0, 0.0, 0.0], down]]).transpose(0, 2, 1)
+    np.testing.assert_allclose(found / found.sum(), by_hand / by_hand.sum(), atol=1e-12)
+    # no product of its marginals
+    of_dynamics, of_objective = weights(belief)
+    product_of = of_dynamics[:environments, :capabilities, 0, np.newaxis] * of_objective.sum(axis=1)
+    assert np.abs(product_of[..., :objectives] - joint(space, belief)[:2, :3, 0, :2]).max() > 0.01
+
+
+def test_an_unlikely_environment_stays_in_play_until_it_is_beyond_recall() -> None:
+    """Odds of e^-59 can be made up for by what is seen later, those of e^-61 are given up."""
+    space = hypothesis_space(load_case(MODELS / "paper-grid/rq1-4.yaml"))
+    prior = prior_belief(space)
+    for nats, kept in ((-59.0, True), (-61.0, False)):
+        told = np.full_like(prior.dynamics, nats)
+        told[0] = 0.0
+        likely = prior.dynamics.max(axis=(1, 2))
+        told += (likely[0] - likely)[:, np.newaxis, np.newaxis]
+        assert (len(reweighted(prior, told, None).environments) > 1) is kept
 
 
 def closed_everywhere(case: CaseStudy, closed: tuple[int, ...], goal: int) -> Combination:
