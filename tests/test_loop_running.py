@@ -137,7 +137,7 @@ def test_a_run_that_would_go_differently_is_not_gone_on_with(
 
 
 def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
-    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
+    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase, knowledge_url: str
 ) -> None:
     """The first is overtaken after its third episode by one that finishes the run."""
     found = scenario(tmp_path)
@@ -145,7 +145,7 @@ def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
 
     def overtaken(row: EpisodeRow) -> None:
         if row.episode == 2:
-            with open_knowledge(f"sqlite:///{knowledge.place}") as other:
+            with open_knowledge(knowledge_url) as other:
                 run_loop(run, found, knowledge=other, resume=True)
 
     lines = JsonLines(tmp_path / "events.jsonl")
@@ -163,12 +163,16 @@ def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
 
 
 def test_others_can_write_while_models_are_packed(
-    run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+    run: RunFolder,
+    tmp_path: Path,
+    knowledge: KnowledgeBase,
+    knowledge_url: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     packed = []
 
     def beside(model: TabularMDP) -> bytes:
-        with open_knowledge(f"sqlite:///{knowledge.place}", patience=Patience(limit=0)) as other:
+        with open_knowledge(knowledge_url, patience=Patience(limit=0)) as other:
             packed.append(other.start_run("beside", "case", "digest", {}))
         return umb_bytes(model)
 
