@@ -20,9 +20,10 @@ from merap.online.belief.posterior import Belief
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.strategy import BeliefSettings, BeliefStrategy
 from merap.online.curve import Run
-from merap.online.running import adapted, evaluator, reachable_range
+from merap.online.running import evaluator, reachable_range
 from merap.online.strategy import StateIndex
 from merap.online.systems import Observation, SimulatedSystem
+from tests.whole_adaptations import adapted
 
 MODELS = Path(__file__).parents[1] / "models"
 

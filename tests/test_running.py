@@ -7,10 +7,11 @@ from merap.errors import InputError, ModelError
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Bools, Floats
 from merap.mdp.planning import backward_induction
-from merap.online.running import adaptation, adapted, evaluator, executed, reachable_range
+from merap.online.running import adaptation, evaluator, executed, reachable_range
 from merap.online.strategy import StateIndex, best_allowed
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import HORIZON, grid_model, grid_task
+from tests.whole_adaptations import adapted
 
 MODEL = grid_model(grid_task((0, 2)))
 

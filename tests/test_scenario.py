@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.errors import InputError
-from merap.online.loop.scenario import Moment, Scenario, read_scenario, stage_at
+from merap.online.loop.scenario import Moment, Scenario, read_scenario
 from merap.online.loop.scenario_schema import scenario_schema
 
 EXAMPLE = Path(__file__).parents[1] / "models" / "running-example"
@@ -79,12 +79,6 @@ def test_a_system_is_a_name_or_its_configurations(tmp_path: Path, case: CaseStud
 def test_a_change_to_what_there_is_already_is_none(tmp_path: Path, case: CaseStudy) -> None:
     text = MINIMAL.replace("environment: {blocked: [A, B]}", "objective: g3")
     assert scenario(tmp_path, text).stages(case)[1].changed == ()
-
-
-def test_the_stage_in_force_is_the_last_that_has_begun(tmp_path: Path, case: CaseStudy) -> None:
-    stages = scenario(tmp_path).stages(case)
-    moments = [Moment(0), Moment(2, 39), Moment(3), Moment(5, 1), Moment(5, 2), Moment(8)]
-    assert [stage_at(stages, moment) for moment in moments] == [0, 0, 1, 1, 2, 2]
 
 
 @pytest.mark.parametrize(

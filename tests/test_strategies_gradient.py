@@ -15,11 +15,12 @@ from merap.learning.rollout import Episodes
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import train
 from merap.mdp.model import TabularMDP
-from merap.online.running import adapted, episode, evaluator, executed, reachable_range
+from merap.online.running import episode, evaluator, executed, reachable_range
 from merap.online.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
 from tests.learning_examples import RING_DISCOUNT, RING_HORIZON, ring_models, seeded
+from tests.whole_adaptations import adapted
 
 
 def meta_policy(tasks: TaskBatch, seed: int, exploration: float) -> MetaPolicy:

@@ -10,12 +10,13 @@ import pytest
 
 from merap.learning.tasks import task_batch
 from merap.mdp.model import TabularMDP
-from merap.online.running import adapted, evaluator, reachable_range
+from merap.online.running import evaluator, reachable_range
 from merap.online.strategies.fixed import optimal_policy
 from merap.online.strategies.retrieval import FitSettings, RetrievalStrategy
 from merap.online.strategy import StateIndex
 from merap.online.systems import Observation, SimulatedSystem
 from tests.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
+from tests.whole_adaptations import adapted
 
 GOALS = block((3, 6), (3, 6))
 RIGHT = np.arange(5) == 4

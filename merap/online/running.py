@@ -14,7 +14,7 @@ from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
-from merap.online.curve import Range, Row, Run, judged
+from merap.online.curve import Range, Row
 from merap.online.strategy import Strategy
 from merap.online.systems import ManagedSystem
 
@@ -97,15 +97,3 @@ def episode(system: ManagedSystem, strategy: Strategy) -> float:
         strategy.observe(action if observation.taken is None else observation.taken, observation)
         total += observation.reward
     return total
-
-
-def adapted(
-    seed: int,
-    system: ManagedSystem,
-    strategy: Strategy,
-    evaluate: Evaluator,
-    reachable: Range,
-    max_episodes: int,
-) -> Run:
-    """A whole adaptation with its scores; see `adaptation` and `curve.judged`."""
-    return judged(seed, list(adaptation(system, strategy, evaluate, max_episodes)), reachable)

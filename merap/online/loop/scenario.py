@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -145,8 +144,3 @@ def read_scenario(path: str | Path) -> Scenario:
     with document.at("scenario"):
         check_name(spec.scenario, "a scenario")
     return Scenario(spec, document)
-
-
-def stage_at(stages: Sequence[Stage], moment: Moment) -> int:
-    """The number of the stage in force at a moment."""
-    return max(number for number, stage in enumerate(stages) if stage.begins <= moment)

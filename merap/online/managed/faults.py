@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal
 
 from merap.errors import MerapError
 
@@ -11,7 +11,6 @@ from merap.errors import MerapError
 # rejected: it refuses the request; missed: it has gone on by itself, or someone else manages it too;
 # gone: no episode could begin, several times in a row.
 FaultKind = Literal["timeout", "refused", "dropped", "malformed", "failed", "rejected", "missed", "gone"]
-FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
 
 
 class SystemFault(MerapError):  # noqa: N818 (what happens to a system is a fault; errors are ours)
