@@ -117,8 +117,8 @@ def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
     first = rows[0]
     possible = first.possible
     assert possible is not None
-    reachable = Range(possible, -np.inf)
     values = _known([first.entered, *(row.expected for row in rows)])
+    reachable = Range(possible, min([possible, *values]))
     recovered = lasting([reachable.within_5_percent(value) for value in values])
     until = rows if recovered is None else rows[:recovered]
     return Reaction(
