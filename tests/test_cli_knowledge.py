@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from merap.online.knowledge.base import open_knowledge
+from merap.online.knowledge.rows import ObservationRow
 from tests.command_line import CommandLine
 from tests.recorded_runs import SETTINGS, record_run
+from tests.trained_runs import trained
 
 
 @pytest.fixture
@@ -108,3 +110,29 @@ def test_what_there_is_not_is_named(knowledge: CommandLine, db: str, tmp_path: P
     )
     assert not missing.exists()
     assert "there is no run 7" in knowledge.refused("replay", 7, "--db", db)
+
+
+def test_export_over_an_earlier_one_needs_force(knowledge: CommandLine, db: str, tmp_path: Path) -> None:
+    knowledge.printed("export", 1, "--db", db, "-o", tmp_path)
+    assert "manifest.json: exists already" in knowledge.refused("export", 2, "--db", db, "-o", tmp_path)
+    knowledge.printed("export", 2, "--db", db, "-o", tmp_path, "--force")
+    assert json.loads((tmp_path / "run.json").read_text())["name"] == "killed"
+
+
+def test_a_knowledge_base_is_named_by_its_file_or_folder_too(knowledge: CommandLine, db: str) -> None:
+    file = Path(db.removeprefix("sqlite:///"))
+    expected = knowledge.printed("list", "--db", db)
+    assert knowledge.printed("list", "--db", file) == expected
+    assert knowledge.printed("list", "--db", file.parent) == expected
+
+
+def test_replay_and_show_speak_in_names_where_the_run_folder_tells(
+    knowledge: CommandLine, tmp_path: Path
+) -> None:
+    run = trained(tmp_path / "run")
+    with open_knowledge(f"sqlite:///{run.path / 'knowledge.db'}") as opened:
+        number = opened.start_run("grid", run.case.name, run.case.digest, {"scenario": {"episodes": 3}})
+        opened.record_observations(number, [ObservationRow(0, 1, (3, 4, 0), 1, -0.5, 1.0, False)])
+    (_, row) = knowledge.printed("replay", 1, "--db", run.path).splitlines()
+    assert row.split() == ["0", "1", run.case.actions[1], "-0.5", "[3,", "4]"]
+    assert "  scenario:\n    episodes: 3\n" in knowledge.printed("show", 1, "--db", run.path)

@@ -67,6 +67,16 @@ def test_stages_take_over_what_does_not_change(tmp_path: Path, case: CaseStudy) 
     assert (stages[2].system.capability.name, stages[2].system.objective.name) == ("speed_low", "g1")
 
 
+def test_a_parameter_that_a_change_does_not_name_keeps_its_value(tmp_path: Path, case: CaseStudy) -> None:
+    """Whether the stage before has it by values or by the name of a configuration."""
+    text = MINIMAL.replace("capability: speed_low", "capability: {grip: 0.7}")
+    assert text != MINIMAL
+    stages = scenario(tmp_path, text).stages(case)
+    before, after = (stage.system.capability.parameters for stage in stages[1:])
+    assert set(after) == set(before)
+    assert after == {**before, "grip": 0.7}
+
+
 @pytest.mark.parametrize(
     "system", ["b_blocked.speed_low.g2", "{environment: b_blocked, capability: speed_low, objective: g2}"]
 )

@@ -58,6 +58,13 @@ def test_a_change_stands_before_its_episode_with_the_concern(axes: Axes) -> None
     assert "environment" in [text.get_text() for text in axes.texts]
 
 
+def test_a_change_amid_an_episode_stands_inside_of_it() -> None:
+    """Five of 20 steps: a quarter of the way from 1.5 to 2.5."""
+    rows = [replace(one, steps=20) for one in ROWS]
+    amid = replace(REPORT, rows=tuple(rows), reactions=(replace(REPORT.reactions[0], step=5),))
+    assert line(draw_timeline(amid).axes[0], "change")[0] == [1.75, 1.75]
+
+
 def test_bands_are_where_the_policy_was_adapted(axes: Axes) -> None:
     bands = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches
              if patch.get_gid() == "adapting"]  # fmt: skip

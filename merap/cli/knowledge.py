@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from io import StringIO
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 from merap.cli import options
-from merap.cli.output import number, require_free_report, say, table, write_json
+from merap.cli.output import number, require_free_folder, require_free_report, say, table, write_json
+from merap.errors import MerapError
 
 if TYPE_CHECKING:
+    from merap.concerns.case_study import CaseStudy
     from merap.online.knowledge.base import KnowledgeBase
     from merap.online.knowledge.replay import Difference
     from merap.online.knowledge.rows import DecisionRow, ObservationRow, RunRow
 
 Db: TypeAlias = Annotated[
     str,
-    typer.Option("--db", help="URL: sqlite:///FILE, or postgresql://USER@HOST/DATABASE.", show_default=False),
+    typer.Option(
+        "--db",
+        help="Folder of a run, a file, or a URL: sqlite:///FILE, postgresql://USER@HOST/DATABASE.",
+        show_default=False,
+    ),
 ]
 RunNumber: TypeAlias = Annotated[
     int, typer.Argument(metavar="NUMBER", help="Of the run, as `list` shows it.", show_default=False)
@@ -102,17 +111,17 @@ def show(
 def _show(row: RunRow, report: dict[str, Any], last: int) -> None:
     say(f"run {row.id}: {row.name}, case {row.case} ({row.digest[:12]})")
     say(f"started {row.started:{MOMENT}} UTC, finished {_finished(row)}")
-    for key, value in row.settings.items():
-        say(f"  {key}: {value}")
+    say(indent(_yaml(row.settings), "  "))
     entries = ", ".join(f"{count} {name}" for name, count in report["entries"].items() if count)
     say(f"entries: {entries or 'none'}")
     policies = report["policies"]
     if policies:
         kinds = Counter(policy["kind"] for policy in policies)
         say("policies: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
-    decisions = report["decisions"][-last:] if last else []
+    told = [decision for decision in report["decisions"] if decision["reasons"]]
+    decisions = told[-last:] if last else []
     if decisions:
-        _heading("decisions", len(decisions), len(report["decisions"]))
+        _heading("decisions with reasons", len(decisions), len(told))
         table(
             ("episode", "step", "decision", "reasons"),
             [(str(d["episode"]), str(d["step"]), d["kind"], "; ".join(d["reasons"])) for d in decisions],
@@ -126,14 +135,26 @@ def _show(row: RunRow, report: dict[str, Any], last: int) -> None:
         )
 
 
+def _yaml(content: Mapping[str, Any]) -> str:
+    from ruamel.yaml import YAML
+
+    stream = StringIO()
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style, yaml.sort_base_mapping_type_on_output = False, False  # type: ignore[assignment]
+    yaml.dump(content, stream)
+    return stream.getvalue().rstrip()
+
+
 def _heading(what: str, shown: int, there: int) -> None:
     say(f"\n{what}" if shown == there else f"\nthe last {shown} of {there} {what}")
 
 
-def export(run: RunNumber, db: Db, out: options.Out) -> None:
+def export(run: RunNumber, db: Db, out: options.Out, force: options.Force = False) -> None:
     """Write a run as a folder of CSV, JSON lines, UMB and safetensors, with a manifest."""
+    from merap.base.folder import MANIFEST
     from merap.online.knowledge.export import export_run
 
+    require_free_folder(out, (MANIFEST,), force=force)
     with _opened(db) as knowledge:
         files = export_run(knowledge, run, out)
     say(f"wrote {len(files)} files and a manifest to {out}")
@@ -161,6 +182,7 @@ def replay(
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
         rows = list(replaying.replay(knowledge, run))
+        case = _case(db if check is None else str(check), knowledge.run(run).digest)
         found = () if check is None else _differences(check, knowledge, run)
     records = [
         {"observation": observation_record(row)}
@@ -176,7 +198,7 @@ def replay(
     }
     write_json(json, report, force=force)
     if str(json) != "-":
-        table(("episode", "step", "what", "reward", "detail"), [_timeline_row(row) for row in rows])
+        table(("episode", "step", "what", "reward", "detail"), [_timeline_row(row, case) for row in rows])
         if check is not None:
             say("\n".join(map(str, found)) or "the same is done and decided again")
     if found:
@@ -190,16 +212,42 @@ def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[Diff
     return check_decisions(read_run(folder), knowledge, run)
 
 
-def _timeline_row(row: ObservationRow | DecisionRow) -> tuple[str, str, str, str, str]:
+def _case(place: str, digest: str) -> CaseStudy | None:
+    """The case of a recorded run, if its run folder is there to tell; it has the names."""
+    from merap.learning.run_folder import read_run
+
+    path = Path(place.removeprefix("sqlite:///"))
+    folder = path if path.is_dir() else path.parent
+    try:
+        case = read_run(folder).case
+    except MerapError:
+        return None
+    return case if case.digest == digest else None
+
+
+def _timeline_row(
+    row: ObservationRow | DecisionRow, case: CaseStudy | None
+) -> tuple[str, str, str, str, str]:
     from merap.online.knowledge.rows import DecisionRow
 
     place = (str(row.episode), str(row.step))
     if isinstance(row, DecisionRow):
         return (*place, f"decision: {row.kind}", "", "; ".join(row.reasons))
-    what = "reset" if row.action is None else f"action {row.action}"
+    named = f"action {row.action}" if case is None or row.action is None else case.actions[row.action]
+    what = "reset" if row.action is None else named
     ending = " (done)" if row.continuation == 0 else " (truncated)" if row.truncated else ""
-    seen = "nothing seen" if row.valuation is None else " ".join(map(str, row.valuation))
+    seen = "nothing seen" if row.valuation is None else _state(row.valuation, case)
     return (*place, what, number(row.reward), seen + ending)
+
+
+def _state(valuation: Sequence[int], case: CaseStudy | None) -> str:
+    """A state by names where they are known: its location, and its mode if there are several."""
+    if case is None:
+        return " ".join(map(str, valuation))
+    *where, mode = valuation
+    location = where[0] if len(where) == 1 else tuple(where)
+    shown = case.space.locations[location] if isinstance(location, int) else str(list(location))
+    return f"{shown} {case.modes[mode]}" if len(case.modes) > 1 else str(shown)
 
 
 def _finished(row: RunRow) -> str:
@@ -208,5 +256,6 @@ def _finished(row: RunRow) -> str:
 
 def _opened(db: str) -> KnowledgeBase:
     from merap.online.knowledge.base import open_knowledge
+    from merap.online.knowledge.engine import url_of
 
-    return open_knowledge(db, create=False)
+    return open_knowledge(url_of(db), create=False)

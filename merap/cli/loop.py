@@ -44,7 +44,7 @@ def run(
         typer.Option("--scenario", help="A scenario file: what is met, what changes.", show_default=False),
     ],
     db: Annotated[
-        str | None, typer.Option("--db", help="URL of the knowledge base; RUN/knowledge.db by default.")
+        str | None, typer.Option("--db", help="Knowledge base, a URL or a file; RUN/knowledge.db by default.")
     ] = None,
     log: Annotated[
         Path | None,
@@ -65,7 +65,7 @@ def run(
     """Control a system, simulated or real, that may change: monitor, analyse, plan, execute, learn."""
     from merap.learning.run_folder import read_run
     from merap.online.knowledge.base import open_knowledge
-    from merap.online.knowledge.engine import default_url
+    from merap.online.knowledge.engine import default_url, url_of
     from merap.online.logs import FILE_NAME, JsonLines
     from merap.online.loop.running import run_loop
     from merap.online.loop.scenario import read_scenario
@@ -75,7 +75,7 @@ def run(
         require_free_folder(out, (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"), force=force)
     read = read_scenario(scenario)
     opened = read_run(run_folder)
-    url = default_url(run_folder) if db is None else db
+    url = default_url(run_folder) if db is None else url_of(db)
     lines = JsonLines(run_folder / FILE_NAME if log is None else log)
     with lines, open_knowledge(url, notice=lines.notice) as knowledge, job_bar() as bar:
         job = bar.add_task("Running", total=read.spec.episodes, note="")

@@ -44,7 +44,7 @@ def draw_timeline(report: LoopReport) -> Figure:
     _draw_phases(axes, report.rows)
     _draw_values(axes, report.rows)
     _draw_events(axes, report.rows)
-    _draw_changes(axes, report.reactions)
+    _draw_changes(axes, report.reactions, report.rows)
     title = f"{report.scenario}, managed by {report.manager}"
     axes.set_title(title, fontsize=TITLE_SIZE, fontweight="bold", color=INK, loc="left", pad=18)
     axes.set_xlim(-0.5, len(report.rows) - 0.5)
@@ -92,13 +92,14 @@ def _draw_values(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
 def _draw_known(axes: Axes, rows: Sequence[EpisodeRow], edges: Floats) -> None:
     """What is possible and what the policy is worth, where it is known what is there."""
     axes.stairs(
-        _values([row.optimum for row in rows]), edges, baseline=None, color=INK, linestyle="dashed",
+        _values([row.optimum for row in rows]), edges, baseline=None, color=INK, linestyle=(0, (4, 4)),
         linewidth=1.2, label="optimum in force", gid="optimum",
     )  # fmt: skip
     if any(row.safe_optimum is not None for row in rows):
         axes.stairs(
-            _values([row.possible for row in rows]), edges, baseline=None, color=INK, linestyle="dotted",
-            linewidth=1.2, label="optimum within the shield's threshold", gid="safe_optimum",
+            _values([row.possible for row in rows]), edges, baseline=None, color=ORANGE,
+            linestyle=(4, (4, 4)), linewidth=1.4, label="optimum within the shield's threshold",
+            gid="safe_optimum",
         )  # fmt: skip
     axes.plot(
         [row.episode for row in rows], _values([row.expected for row in rows]), color=GREEN,
@@ -136,12 +137,15 @@ def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
     axes.set_ylim(low - line, high + line)
 
 
-def _draw_changes(axes: Axes, reactions: Sequence[Reaction]) -> None:
+def _draw_changes(axes: Axes, reactions: Sequence[Reaction], rows: Sequence[EpisodeRow]) -> None:
+    """Where they came: between episodes, or inside of one, so far as its steps had got."""
+    steps = {row.episode: row.steps for row in rows}
     for reaction in reactions:
-        axes.axvline(reaction.episode - 0.5, color=GREY, linewidth=1.2, gid="change")
+        moment = reaction.episode - 0.5 + min(1.0, reaction.step / max(1, steps[reaction.episode]))
+        axes.axvline(moment, color=GREY, linewidth=1.2, gid="change")
         axes.annotate(
             ", ".join(reaction.changed) or "no change",
-            (reaction.episode - 0.5, 1.0),
+            (moment, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 3),
             textcoords="offset points",

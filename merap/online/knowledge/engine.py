@@ -31,6 +31,13 @@ def default_url(folder: Path) -> str:
     return f"sqlite:///{folder / FILE_NAME}"
 
 
+def url_of(place: str) -> str:
+    """The URL of a knowledge base that is named by URL, by its file, or by the folder of a run."""
+    if "://" in place:
+        return place
+    return default_url(Path(place)) if Path(place).is_dir() else f"sqlite:///{place}"
+
+
 def read_url(text: str) -> URL:
     """A URL that can be opened.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ class Scenario:
                 raise self.document.error(
                     (*path, "at", "step"), f"an episode has {horizon} steps, got {change.at.step}"
                 )
-            spec = spec.model_copy(update=_changes(change))
+            spec = spec.model_copy(update=_changes(change, stages[-1].system))
             system = self._read(case, spec, index + 1, path)
             moment = Moment(change.at.episode, change.at.step)
             stages.append(Stage(moment, _changed(stages[-1].system, system), system))
@@ -119,9 +120,14 @@ def _known(case: CaseStudy, name: str) -> Combination:
         raise InputError(error.message) from error
 
 
-def _changes(change: ChangeSpec) -> dict[str, Any]:
+def _changes(change: ChangeSpec, before: Combination) -> dict[str, Any]:
+    """Concern -> a configuration's name, or values; a parameter that is not named keeps its value."""
     given = {concern: getattr(change, concern) for concern in CONCERNS}
-    return {concern: value for concern, value in given.items() if value is not None}
+    return {
+        concern: {**getattr(before, concern).parameters, **value} if isinstance(value, Mapping) else value
+        for concern, value in given.items()
+        if value is not None
+    }
 
 
 def _changed(before: Combination, after: Combination) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ class Reaction:
         episodes: until it had recovered; None: it had not before the next change.
         steps: likewise.
         lost: by how much less than that optimum it earned until then, or until the next change.
+        step: how many steps of its episode were over.
     """
 
     episode: int
@@ -45,6 +46,7 @@ class Reaction:
     episodes: int | None
     steps: int | None
     lost: float
+    step: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +130,7 @@ def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
         episodes=recovered,
         steps=None if recovered is None else sum(row.steps for row in until),
         lost=float(sum(possible - row.earned for row in until)),
+        step=stage.begins.step if first.episode == stage.begins.episode else 0,
     )
 
 
