@@ -71,7 +71,7 @@ def test_a_window_is_discounted_as_the_case_is_unless_it_says_otherwise(
         ("{kind: windw}", "trigger.kind: there is no trigger 'windw'; did you mean 'window'?"),
         ("{kind: [change]}", "trigger.kind: there is no trigger ['change']; known: change, window, none"),
         ("{knd: window}", "trigger.knd: unknown key 'knd'; did you mean 'kind'?"),
-        ("{kind: window}", "trigger: a window needs a threshold: settings: (threshold: TR)"),
+        ("{kind: window}", "trigger: a window needs settings with a threshold"),
         ("{kind: window, settings: {}}", "trigger.settings: key 'threshold' is missing"),
         (
             "{kind: window, settings: {threshold: 1, discount: 0}}",

@@ -116,7 +116,7 @@ def _known_trigger(value: Any) -> Any:
         near = suggestion(kind, KINDS) if isinstance(kind, str) else f"; known: {', '.join(KINDS)}"
         raise wrong(f"there is no trigger {shown(kind)}{near}", ("kind",))
     if kind == "window" and "settings" not in value:
-        raise wrong("a window needs a threshold: settings: (threshold: TR)")
+        raise wrong("a window needs settings with a threshold")
     return value
 
 
