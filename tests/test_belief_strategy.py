@@ -194,3 +194,13 @@ def test_beyond_its_horizon_it_goes_on_as_in_the_last_step(*, gap: bool) -> None
         else:
             strategy.observe(stop, observation)
     assert steps == 10
+
+
+def test_where_a_step_has_led_is_open_though_no_hypothesis_explains_the_step() -> None:
+    space = hypothesis_space(load_case(MODELS / "paper-grid/rq1-3.yaml"))
+    strategy = BeliefStrategy(space, 18, np.random.default_rng(0))
+    enabled = np.ones(5, dtype=np.bool_)
+    strategy.begin(Observation(np.array([0, 0, 0]), enabled, 0.0, 1.0, False))
+    strategy.observe(4, Observation(np.array([8, 8, 0]), enabled, -0.5, 1.0, False))
+    assert strategy.belief.unexplained == 1
+    assert np.all(strategy.belief.closed[..., 9 * 8 + 8] == -np.inf)
