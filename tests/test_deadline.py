@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 import pytest
@@ -105,15 +104,6 @@ def test_work_hands_over_no_work() -> None:
             punctual.later(wrong)
             with pytest.raises(AssertionError, match=r"work (hands over|waits for) no work"):
                 punctual.finish()
-
-
-@pytest.fixture
-def hectic() -> Iterator[None]:
-    """Threads take turns as often as they can."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    yield
-    sys.setswitchinterval(before)
 
 
 def test_however_threads_take_turns_everything_is_done_in_order(hectic: None) -> None:

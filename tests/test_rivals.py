@@ -11,7 +11,7 @@ from merap.concerns.case_study import CaseStudy, load_case
 from merap.online.belief.posterior import Belief, prior_belief
 from merap.online.belief.space import HypothesisSpace, hypothesis_space
 from merap.online.belief.update import observe_step
-from merap.online.loop.rivals import CONVINCED, RIVALS, UNEXPLAINED, Rivals
+from merap.online.loop.rivals import RIVALS, UNEXPLAINED, Rivals
 from tests.belief_routes import STRIP, Seen, trajectory
 from tests.case_examples import write_case
 from tests.test_belief_posterior import joint
@@ -89,13 +89,13 @@ def test_only_the_last_episodes_have_a_rival(case: CaseStudy) -> None:
     space = hypothesis_space(case, noise=NOISE)
     rivals = Rivals(space)
     assert rivals.best(prior_belief(space)) is None
+    # the earlier an episode, the better its rival would be, if it were still there
     for episode in range(RIVALS + 2):
-        rivals.begin(episode, replace(prior_belief(space), evidence=-10.0 * (episode == 2)))
+        rivals.begin(episode, replace(prior_belief(space), evidence=-float(episode)))
     best = rivals.best(prior_belief(space))
     assert best is not None
-    # that of episode 2 began where the incumbent was at its worst
-    assert best.episode != 2
-    assert best.log_odds(prior_belief(space)) < CONVINCED
+    assert best.episode == 2
+    assert best.log_odds(prior_belief(space)) == pytest.approx(-2)
 
 
 def test_without_a_change_the_odds_stay_low(case: CaseStudy) -> None:

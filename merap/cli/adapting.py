@@ -19,7 +19,6 @@ from merap.cli.output import (
     warn,
     write_json,
 )
-from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,15 +56,9 @@ def adapt(
         int | None, typer.Option(min=1, help="Real episodes at most, in place of --steps.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="a:b for seeds a to b - 1, or one seed.")] = "0:1",
-    reward_noise: Annotated[
-        float, typer.Option(min=0, metavar="SD", help="Deviation of Gaussian noise on rewards.")
-    ] = 0.0,
-    slip: Annotated[
-        float, typer.Option(min=0, max=1, metavar="P", help="Probability that an action does nothing.")
-    ] = 0.0,
-    reset: Annotated[
-        ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
-    ] = None,
+    reward_noise: options.RewardNoise = 0.0,
+    slip: options.Slip = 0.0,
+    reset: options.Reset = None,
     shield: Annotated[
         float | None,
         typer.Option(

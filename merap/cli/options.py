@@ -7,6 +7,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from merap.concerns.combination import ResetMode
+
 Case: TypeAlias = Annotated[
     Path, typer.Argument(help="A case file, or a folder that holds case.yaml.", show_default=False)
 ]
@@ -24,6 +26,18 @@ SystemName: TypeAlias = Annotated[
 ]
 OptionalOut: TypeAlias = Annotated[
     Path | None, typer.Option("--out", "-o", help="Where to write; standard output by default.")
+]
+RewardNoise: TypeAlias = Annotated[
+    float,
+    typer.Option("--reward-noise", min=0, metavar="SD", help="Deviation of Gaussian noise on rewards."),
+]
+Slip: TypeAlias = Annotated[
+    float,
+    typer.Option("--slip", min=0, max=1, metavar="P", help="Probability that an action does nothing."),
+]
+Reset: TypeAlias = Annotated[
+    ResetMode | None,
+    typer.Option("--reset", help="How an episode begins, in place of what the case says."),
 ]
 
 STANDARD_OUTPUT = Path("-")

@@ -12,7 +12,6 @@ import typer
 from merap.cli import options
 from merap.cli.output import say, warn
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import ResetMode
 from merap.errors import InputError
 
 
@@ -32,16 +31,10 @@ def serve(
     port: Annotated[int, typer.Option(help="0 takes any that is free.")] = 3000,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     seed: options.Seed = 0,
-    reward_noise: Annotated[
-        float, typer.Option(min=0, metavar="SD", help="Deviation of Gaussian noise on rewards.")
-    ] = 0.0,
-    slip: Annotated[
-        float, typer.Option(min=0, max=1, metavar="P", help="Probability that an action does nothing.")
-    ] = 0.0,
+    reward_noise: options.RewardNoise = 0.0,
+    slip: options.Slip = 0.0,
     detect: Annotated[bool, typer.Option(help="Whether the case's detectors are read.")] = True,
-    reset: Annotated[
-        ResetMode | None, typer.Option(help="How an episode begins, in place of what the case says.")
-    ] = None,
+    reset: options.Reset = None,
     deadline: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds for a decision; needs --fallback.")
     ] = None,

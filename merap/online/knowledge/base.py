@@ -11,11 +11,11 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from sqlalchemy import Connection, select
 
+from merap.closing import Closing
 from merap.errors import InputError, MerapError
 from merap.online.knowledge import tables
 from merap.online.knowledge.engine import read_url, require_ours
@@ -76,7 +76,7 @@ def open_knowledge(
     return KnowledgeBase(opened)
 
 
-class KnowledgeBase:
+class KnowledgeBase(Closing):
     """An open knowledge base; see `open_knowledge`. Several threads may use it, one at a time.
 
     What a method records is committed when it returns, unless it is called inside
@@ -86,14 +86,6 @@ class KnowledgeBase:
 
     def __init__(self, opened: Store) -> None:
         self._store = opened
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def place(self) -> str:

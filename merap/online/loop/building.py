@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
+from merap.closing import Closing
 from merap.concerns.case_study import CaseStudy
 from merap.learning.run_folder import RunFolder
 from merap.online.belief.space import HypothesisSpace
@@ -42,7 +41,7 @@ from merap.online.trigger.settings import ChangeSettings, WindowSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Built:
+class Built(Closing):
     """A loop and what it meets; a context at whose end the threads that keep deadlines are closed.
 
     Attributes:
@@ -59,12 +58,8 @@ class Built:
     shield: LoopShield | None
     adapts: bool
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """End the threads that keep deadlines."""
         self.parts.punctual.close()
         if isinstance(self.guarded, GuardedSystem):
             self.guarded.close()

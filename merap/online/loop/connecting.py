@@ -43,7 +43,7 @@ def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterato
             _require_horizon(scenario, live_horizon(spec, case), remote.interface)
             yield remote
     elif isinstance(spec, GymnasiumSpec):
-        with _environment(scenario, spec, case, episodes) as system:
+        with _environment(scenario, spec, case.actions, variables, episodes) as system:
             yield system
     else:
         yield None
@@ -51,7 +51,11 @@ def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterato
 
 @contextmanager
 def _environment(
-    scenario: Scenario, spec: GymnasiumSpec, case: CaseStudy, episodes: int
+    scenario: Scenario,
+    spec: GymnasiumSpec,
+    actions: tuple[str, ...],
+    variables: tuple[str, ...],
+    episodes: int,
 ) -> Iterator[ManagedSystem]:
     from merap.online.managed.gymnasium import GymnasiumSystem  # noqa: PLC0415  an extra
 
@@ -61,13 +65,7 @@ def _environment(
     with environment:
         shown = [variable.name for variable in environment.interface.variables]
         with scenario.document.at("system"):
-            system = RenumberedSystem(
-                environment,
-                shown,
-                actions=case.actions,
-                variables=(*case.space.variable_names, MODE),
-                constant=MODE,
-            )
+            system = RenumberedSystem(environment, shown, actions=actions, variables=variables, constant=MODE)
         yield system
 
 

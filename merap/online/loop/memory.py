@@ -26,8 +26,8 @@ from merap.online.knowledge.rows import DecisionRow, EventRow, Level, Observatio
 from merap.online.logs import EventLog, JsonLines, event_row
 from merap.online.loop.messages import Execution
 from merap.online.loop.records import EpisodeLog, EpisodeRow
+from merap.online.loop.scores import LoopReport
 from merap.online.managed.deadline import Lateness
-from merap.online.managed.faults import SystemFault
 
 EPISODE = "episode"
 FALLBACK = "fallback"
@@ -124,14 +124,12 @@ class Memory:
             for event in events:
                 self._lines.write(event)
 
-    def finish(self, report: Mapping[str, Any]) -> None:
-        """Keep the report, if there is none."""
-        if self._knowledge.run(self._run).finished is None:
-            self._knowledge.finish_run(self._run, report)
-
-    def given_up(self, fault: SystemFault) -> None:
-        """The run has ended before its last episode, and can be gone on with."""
-        self._log.event("executor", "error", str(fault))
+    def end(self, report: LoopReport) -> None:
+        """Keep the report, if there is none; a run that a fault has ended can be gone on with instead."""
+        if report.ended_by is not None:
+            self._log.event("executor", "error", str(report.ended_by))
+        elif self._knowledge.run(self._run).finished is None:
+            self._knowledge.finish_run(self._run, report.as_dict())
 
 
 def _decisions(log: EpisodeLog, row: EpisodeRow) -> list[DecisionRow]:

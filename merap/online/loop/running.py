@@ -82,10 +82,8 @@ def run_loop(
         seconds=seconds,
         ended_by=ended_by,
     )
-    if memory is not None and ended_by is None:
-        memory.finish(report.as_dict())
-    elif memory is not None and ended_by is not None:
-        memory.given_up(ended_by)
+    if memory is not None:
+        memory.end(report)
     return report
 
 

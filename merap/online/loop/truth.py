@@ -10,18 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from merap.concerns.combination import Combination
-from merap.concerns.synthesis import attach, attach_everywhere
 from merap.mdp.evaluation import expected_return
-from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.online.curve import Range
 from merap.online.loop.scenario import Stage
-from merap.online.managed.slip import slipping_model, slipping_pair
+from merap.online.managed.slip import slipping_model
 from merap.online.running import executed
-from merap.online.shield.constrained import constrained_optimum
-from merap.online.shield.models import UNSAFE_LABEL
+from merap.online.shield.safe_optimum import safe_value
 from merap.online.shield.supervision import unsafe_of
 
 
@@ -78,7 +74,7 @@ def _truth(stage: Stage, slip: float, threshold: float | None, place: int | None
     system, objective = stage.system, stage.system.objective
     model = slipping_model(system, slip)
     if place is not None:
-        model = replace(model, initial=_certainly(place, model.num_states))
+        model = replace(model, initial=np.eye(1, model.num_states, place)[0])
     unsafe = unsafe_of(system)
     nowhere = np.zeros(model.num_states - 1, dtype=np.bool_)
     return Truth(
@@ -89,25 +85,5 @@ def _truth(stage: Stage, slip: float, threshold: float | None, place: int | None
         unsafe=nowhere if unsafe is None else unsafe,
         slip=slip,
         threshold=threshold,
-        safe_optimum=None if threshold is None else _safe_optimum(system, slip, threshold, place),
+        safe_optimum=None if threshold is None else safe_value(system, slip, threshold, place),
     )
-
-
-def _safe_optimum(system: Combination, slip: float, threshold: float, place: int | None) -> float:
-    """On the whole states: the canonical index does not tell where a task was completed."""
-    pair = slipping_pair(system, slip)
-    if place is None:
-        whole = attach(pair, system)
-    else:
-        everywhere = attach_everywhere(pair, system)
-        initial = _certainly(2 * place, everywhere.num_states)
-        whole = restrict_to_reachable(replace(everywhere, initial=initial))
-    nowhere = np.zeros(whole.num_states, dtype=np.bool_)
-    unsafe = whole.labels.get(UNSAFE_LABEL, nowhere)
-    return constrained_optimum(whole, unsafe, threshold, system.objective.horizon)
-
-
-def _certainly(state: int, num_states: int) -> Floats:
-    initial = np.zeros(num_states)
-    initial[state] = 1.0
-    return initial

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from enum import StrEnum
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
+from merap.closing import Closing
 from merap.online.managed.worker import Worker
 
 Result = TypeVar("Result")
@@ -24,7 +24,7 @@ class Lateness(StrEnum):
     BUSY = "the learner was busy with earlier steps"
 
 
-class Punctual:
+class Punctual(Closing):
     """Does work for at most so long; without a limit at once and to its end.
 
     All work goes through one thread, one piece after the other, so what is late is finished before
@@ -45,14 +45,6 @@ class Punctual:
         self.patient = False
         self._worker = None if seconds is None else Worker(name)
         self._pending: deque[Future[Any]] = deque()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def in_time(self, work: Callable[[], Result]) -> Result | Lateness:
         """The result, or why there is none in time; work that has not begun by then is not done at all."""

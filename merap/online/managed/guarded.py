@@ -11,11 +11,10 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from types import TracebackType
-from typing import Self
 
 import tenacity
 
+from merap.closing import Closing
 from merap.errors import InputError
 from merap.online.managed.faults import SystemFault
 from merap.online.managed.worker import Worker
@@ -47,7 +46,7 @@ class Retries:
             raise InputError(f"retries are a number from 0 on, with waits that grow, not {self}")
 
 
-class GuardedSystem:
+class GuardedSystem(Closing):
     """Any system with a deadline, retries and a safe fallback action; a context, which closes it.
 
     A call is made again after a fault that is repeatable. A call that is late is never made a second
@@ -90,14 +89,6 @@ class GuardedSystem:
         self._worker = Worker("guarded system") if deadline is not None else None
         self._late: Future[Observation] | None = None
         self._last: Observation | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the thread that keeps the deadline; a call that hangs is left to itself."""

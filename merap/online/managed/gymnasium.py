@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from merap.closing import Closing
 from merap.errors import InputError
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_env import MDPEnv
@@ -25,7 +26,7 @@ from merap.online.systems import Observation
 ACTION_MASK = "action_mask"
 
 
-class GymnasiumSystem:
+class GymnasiumSystem(Closing):
     """An environment as a managed system; to be closed, or used in a `with` statement.
 
     Environments with a table that `import_gymnasium` knows, and those made of our models, show the
@@ -59,12 +60,6 @@ class GymnasiumSystem:
         self._masked = masked
         self._over = True
         self._enabled = np.zeros(len(self._view.actions), dtype=np.bool_)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the environment."""

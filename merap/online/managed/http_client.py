@@ -10,8 +10,7 @@ import asyncio
 import json
 from collections.abc import Mapping
 from http import HTTPStatus
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import httpx
 from jsonschema import Draft202012Validator
@@ -19,6 +18,7 @@ from jsonschema.exceptions import SchemaError
 from referencing import Registry
 from referencing.exceptions import Unresolvable
 
+from merap.closing import Closing
 from merap.errors import InputError
 from merap.online.managed.faults import FaultKind, SystemFault
 from merap.online.managed.loop_thread import LoopThread
@@ -37,7 +37,7 @@ _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
 )
 
 
-class UpisasClient:
+class UpisasClient(Closing):
     """Speaks to one system; to be closed, or used in a `with` statement.
 
     Args:
@@ -63,14 +63,6 @@ class UpisasClient:
         )
         # Only in an event loop a request can be given up at any moment.
         self._thread = LoopThread(f"client of {self.url}")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Hang up; nothing can be asked any more."""

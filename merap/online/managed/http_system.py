@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Self
 
+from merap.closing import Closing
 from merap.errors import InputError
 from merap.online.managed.dialect import Dialect, Seen
 from merap.online.managed.faults import SystemFault
@@ -18,7 +18,7 @@ from merap.online.systems import Observation
 log = logging.getLogger(__name__)
 
 
-class HttpSystem:
+class HttpSystem(Closing):
     """A system behind HTTP; to be closed, or used in a `with` statement.
 
     A call that ended in a repeatable fault may be made again. Where the system counts its steps it
@@ -35,12 +35,6 @@ class HttpSystem:
         self._dialect = dialect
         self._last: Seen | None = None
         self._answered: int | _Nothing | None = NOTHING
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Hang up."""
