@@ -10,15 +10,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from merap.base.build import build_base
     from merap.checker.verdicts import verify
     from merap.concerns.case_study import CaseStudy, load_case
     from merap.errors import MerapError
+    from merap.families.build import build_base
     from merap.learning.running import train
+    from merap.mapek.run import run_loop
     from merap.mdp.model import TabularMDP
-    from merap.online.adaptation import adapt
-    from merap.online.loop.running import run_loop
     from merap.prism.rendering import render
+    from merap.strategies.adaptation import adapt
 
 __all__ = [
     "CaseStudy",
@@ -37,11 +37,11 @@ _HOMES = {
     "CaseStudy": "merap.concerns.case_study",
     "MerapError": "merap.errors",
     "TabularMDP": "merap.mdp.model",
-    "adapt": "merap.online.adaptation",
-    "build_base": "merap.base.build",
+    "adapt": "merap.strategies.adaptation",
+    "build_base": "merap.families.build",
     "load_case": "merap.concerns.case_study",
     "render": "merap.prism.rendering",
-    "run_loop": "merap.online.loop.running",
+    "run_loop": "merap.mapek.run",
     "train": "merap.learning.running",
     "verify": "merap.checker.verdicts",
 }

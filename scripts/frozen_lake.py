@@ -16,9 +16,9 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.models import train_models
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.planning import optimum
-from merap.online.managed.gymnasium import GymnasiumSystem
-from merap.online.running import adaptation, evaluator
-from merap.online.strategies.gradient import GradientStrategy
+from merap.strategies.gradient import GradientStrategy
+from merap.strategies.protocol import adaptation, evaluator
+from merap.systems.gymnasium import GymnasiumSystem
 
 EPISODES = 35
 LEARNED_FROM = range(256)  # seeds of maps

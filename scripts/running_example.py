@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 
 import merap
-from merap.base.writing import render_case
-from merap.online.adaptation import Adaptation
+from merap.families.writing import render_case
 from merap.report.curves import draw_adaptation
 from merap.report.map import draw_before_after
 from merap.report.path import most_likely_path
 from merap.report.saving import save_figure
+from merap.strategies.adaptation import Adaptation
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "demo-output"
@@ -33,7 +33,9 @@ def main() -> None:
     print("2. Storm builds and checks each of them.")
     verdicts = list(merap.verify(case.combinations()))
     false = [verdict for verdict in verdicts if verdict.holds is False]
-    rewards = [verdict.value for verdict in verdicts if verdict.name == "reward"]
+    rewards = [
+        verdict.value for verdict in verdicts if verdict.name == "reward" and verdict.value is not None
+    ]
     print(f"   {len(verdicts)} verdicts, {len(false)} false; the best discounted reward lies between")
     print(f"   {min(rewards):.2f} and {max(rewards):.2f} over the combinations.")
 

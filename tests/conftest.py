@@ -9,7 +9,7 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from tests.postgresql_server import postgresql_server
+from tests.support.postgresql_server import postgresql_server
 
 
 @pytest.fixture(scope="session")

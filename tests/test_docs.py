@@ -11,9 +11,9 @@ import pytest
 
 from merap.checker.verdicts import verify
 from merap.concerns.case_study import load_case
-from tests.command_line import merap
+from tests.support.command_line import merap
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[1]
 TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 

@@ -22,9 +22,9 @@ from merap.cli.output import (
 from merap.errors import InputError
 
 if TYPE_CHECKING:
-    from merap.online.adaptation import Adaptation, Spread
-    from merap.online.shield.learning_shield import ShieldSettings
-    from merap.online.shield.safe_optimum import SafeOptimum
+    from merap.shield.learning_shield import ShieldSettings
+    from merap.shield.safe_optimum import SafeOptimum
+    from merap.strategies.adaptation import Adaptation, Spread
 
 SEED_LIMIT = 2**63
 STRATEGY_HELP = (
@@ -77,9 +77,9 @@ def adapt(
 ) -> None:
     """Adapt to a system that is met online, and score it against the optimum."""
     from merap.learning.run_folder import read_run
-    from merap.online import adaptation
-    from merap.online.encounter import Conditions, encounter
-    from merap.online.strategies.registry import ALL, PRETRAINED, parse_strategy
+    from merap.strategies import adaptation
+    from merap.strategies.ground_truth import Conditions, encounter
+    from merap.strategies.registry import ALL, PRETRAINED, parse_strategy
 
     require_free_report(json, force=force)
     if out is not None:
@@ -119,7 +119,7 @@ def _lengths(
     strategy: str, episodes_per_step: int | None, steps: int | None, max_episodes: int | None
 ) -> tuple[int, int]:
     """Real episodes of a gradient step, and policy updates."""
-    from merap.online.strategies.registry import STEPPING, episodes_per_update, parse_strategy
+    from merap.strategies.registry import STEPPING, episodes_per_update, parse_strategy
 
     kind, _ = parse_strategy(strategy)
     if episodes_per_step is not None and kind not in STEPPING:
@@ -144,7 +144,7 @@ def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | No
         if hazard_prior:
             raise InputError("a prior on hazards needs a shield: give --shield too", source="--hazard-prior")
         return None
-    from merap.online.shield.learning_shield import ShieldSettings
+    from merap.shield.learning_shield import ShieldSettings
 
     return ShieldSettings(threshold, hazard_prior)
 

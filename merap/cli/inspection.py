@@ -50,7 +50,7 @@ def show(
     force: options.Force = False,
 ) -> None:
     """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
-    from merap.base.build import model_of
+    from merap.families.build import model_of
     from merap.mdp.evaluation import as_policy
     from merap.mdp.planning import backward_induction
     from merap.report.map import draw_map
@@ -88,8 +88,8 @@ def difference(
     force: options.Force = False,
 ) -> None:
     """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
-    from merap.base.build import build_base, canonical
     from merap.concerns.synthesis import synthesise
+    from merap.families.build import build_base, canonical
     from merap.mdp.difference import differences
 
     require_free_report(json, force=force)

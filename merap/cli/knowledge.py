@@ -17,9 +17,9 @@ from merap.errors import MerapError
 
 if TYPE_CHECKING:
     from merap.concerns.case_study import CaseStudy
-    from merap.online.knowledge.base import KnowledgeBase
-    from merap.online.knowledge.replay import Difference
-    from merap.online.knowledge.rows import DecisionRow, ObservationRow, RunRow
+    from merap.knowledge.base import KnowledgeBase
+    from merap.knowledge.replay import Difference
+    from merap.knowledge.rows import DecisionRow, ObservationRow, RunRow
 
 Db: TypeAlias = Annotated[
     str,
@@ -51,7 +51,7 @@ def register(app: typer.Typer) -> None:
 
 def list_runs(db: Db, json: options.Json = None, force: options.Force = False) -> None:
     """The runs of a knowledge base."""
-    from merap.online.knowledge.export import run_record
+    from merap.knowledge.export import run_record
 
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
@@ -90,7 +90,7 @@ def show(
     """A run: case, settings, decisions with reasons, policies, events."""
     from dataclasses import asdict
 
-    from merap.online.knowledge.export import decision_record, event_record, run_record
+    from merap.knowledge.export import decision_record, event_record, run_record
 
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
@@ -151,8 +151,8 @@ def _heading(what: str, shown: int, there: int) -> None:
 
 def export(run: RunNumber, db: Db, out: options.Out, force: options.Force = False) -> None:
     """Write a run as a folder of CSV, JSON lines, UMB and safetensors, with a manifest."""
-    from merap.base.folder import MANIFEST
-    from merap.online.knowledge.export import export_run
+    from merap.families.folder import MANIFEST
+    from merap.knowledge.export import export_run
 
     require_free_folder(out, (MANIFEST,), force=force)
     with _opened(db) as knowledge:
@@ -175,9 +175,9 @@ def replay(
     """What was seen and decided, in order; exit 1 if it would not be decided so again."""
     from dataclasses import asdict
 
-    from merap.online.knowledge import replay as replaying
-    from merap.online.knowledge.export import decision_record, observation_record
-    from merap.online.knowledge.rows import ObservationRow
+    from merap.knowledge import replay as replaying
+    from merap.knowledge.export import decision_record, observation_record
+    from merap.knowledge.rows import ObservationRow
 
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
@@ -207,7 +207,7 @@ def replay(
 
 def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[Difference, ...]:
     from merap.learning.run_folder import read_run
-    from merap.online.loop.replaying import check_decisions
+    from merap.mapek.replaying import check_decisions
 
     return check_decisions(read_run(folder), knowledge, run)
 
@@ -228,7 +228,7 @@ def _case(place: str, digest: str) -> CaseStudy | None:
 def _timeline_row(
     row: ObservationRow | DecisionRow, case: CaseStudy | None
 ) -> tuple[str, str, str, str, str]:
-    from merap.online.knowledge.rows import DecisionRow
+    from merap.knowledge.rows import DecisionRow
 
     place = (str(row.episode), str(row.step))
     if isinstance(row, DecisionRow):
@@ -255,7 +255,7 @@ def _finished(row: RunRow) -> str:
 
 
 def _opened(db: str) -> KnowledgeBase:
-    from merap.online.knowledge.base import open_knowledge
-    from merap.online.knowledge.engine import url_of
+    from merap.knowledge.base import open_knowledge
+    from merap.knowledge.engine import url_of
 
     return open_knowledge(url_of(db), create=False)

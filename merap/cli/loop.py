@@ -21,8 +21,8 @@ from merap.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from merap.online.loop.records import EpisodeRow
-    from merap.online.loop.scores import LoopReport
+    from merap.mapek.records import EpisodeRow
+    from merap.mapek.scores import LoopReport
 
 PICTURE = "timeline"
 REPORT = "report.json"
@@ -63,12 +63,12 @@ def run(
     force: options.Force = False,
 ) -> None:
     """Control a system, simulated or real, that may change: monitor, analyse, plan, execute, learn."""
+    from merap.knowledge.base import open_knowledge
+    from merap.knowledge.engine import default_url, url_of
+    from merap.knowledge.event_log import FILE_NAME, JsonLines
     from merap.learning.run_folder import read_run
-    from merap.online.knowledge.base import open_knowledge
-    from merap.online.knowledge.engine import default_url, url_of
-    from merap.online.logs import FILE_NAME, JsonLines
-    from merap.online.loop.running import run_loop
-    from merap.online.loop.scenario import read_scenario
+    from merap.mapek.run import run_loop
+    from merap.mapek.scenario import read_scenario
 
     require_free_report(json, force=force)
     if out is not None:

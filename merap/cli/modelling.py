@@ -30,7 +30,7 @@ def render(
     case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
 ) -> None:
     """Write one <combination>.prism each, and manifest.json."""
-    from merap.base.writing import render_case
+    from merap.families.writing import render_case
 
     study = load_case(case)
     count = render_case(study, _chosen(study, sample, seed, "Rendering"), out)
@@ -41,7 +41,7 @@ def export(
     case: options.Case, out: options.Out, sample: options.Sample = None, seed: options.Seed = 0
 ) -> None:
     """Build each combination with Storm and write it as UMB, a format other checkers read."""
-    from merap.base.writing import export_case
+    from merap.families.writing import export_case
 
     study = load_case(case)
     count = export_case(study, _chosen(study, sample, seed, "Exporting"), out)

@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
 from rich.table import Table
 
-from merap.base.folder import write_file
 from merap.errors import OutputError
+from merap.families.folder import write_file
 
 Item = TypeVar("Item")
 PIPE_WIDTH = 160

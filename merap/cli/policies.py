@@ -48,7 +48,7 @@ def export_policy(
     force: options.Force = False,
 ) -> None:
     """Write the meta policy, or one adapted to a system, for use without merap."""
-    from merap.base.folder import write_bytes
+    from merap.families.folder import write_bytes
     from merap.learning.run_folder import read_run
 
     require_free_report(out, force=force)
@@ -75,7 +75,7 @@ def _policy(
         from merap.learning.running import tasks_of
 
         return read_policy(run, tasks_of(run))
-    from merap.online.adapted import adapted_policy
+    from merap.strategies.adapted_policy import adapted_policy
 
     with job_bar() as bar:
         job = bar.add_task("Adapting", total=adapt_steps, note="")
@@ -92,7 +92,7 @@ def _policy(
 def _content(
     kind: PolicyFormat, run: RunFolder, met: Combination | None, meta: MetaPolicy, title: str
 ) -> bytes:
-    from merap.base.build import model_of
+    from merap.families.build import model_of
     from merap.learning import policy_export
     from merap.learning.run_folder import read_tasks
 

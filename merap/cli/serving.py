@@ -46,10 +46,10 @@ def serve(
     """Offer a simulated system behind HTTP, with the endpoints of UPISAS, until it is interrupted."""
     import numpy as np
 
-    from merap.online.loop.scenario import read_scenario
-    from merap.online.managed.http_server import listening, server
-    from merap.online.managed.served import Pace
-    from merap.online.managed.serving import served_combination, served_scenario
+    from merap.mapek.scenario import read_scenario
+    from merap.mapek.serving import served_combination, served_scenario
+    from merap.systems.http_server import listening, server
+    from merap.systems.served import Pace
 
     if (deadline is None) != (fallback is None):
         raise InputError("--deadline and --fallback belong together", source="merap serve")
@@ -87,6 +87,6 @@ def _log_to_standard_error() -> None:
     """One line each on standard error."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-    logger = logging.getLogger("merap.online.managed")
+    logger = logging.getLogger("merap.systems")
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

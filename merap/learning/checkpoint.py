@@ -10,8 +10,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from merap.base.folder import write_bytes, write_file
 from merap.errors import InputError
+from merap.families.folder import write_bytes, write_file
 from merap.learning.meta import MetaPolicy, step_rule
 from merap.learning.metrics import COLUMNS, TIMES, UpdateMetrics, csv_text, read_metrics
 from merap.learning.policy import Parameters

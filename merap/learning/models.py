@@ -26,7 +26,7 @@ def train_models(
 
     Args:
         models: N models in canonical form with equal states and actions, as
-            `merap.mdp.gymnasium_import` and `merap.base.build` make them.
+            `merap.mdp.gymnasium_import` and `merap.families.build` make them.
         horizon: T, steps of an episode, at least 1.
         discount: in [0, 1].
         config: every setting; None for the defaults.

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from merap.base.build import canonical
 from merap.checker.building import build_combination
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
+from merap.families.build import canonical
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import action_logits, log_policy
 from merap.mdp.alignment import align_actions, align_variables

@@ -26,11 +26,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from merap.base.build import ModelBase
-from merap.base.folder import MANIFEST, result_folder, write_manifest
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError, OutputError
+from merap.families.build import ModelBase
+from merap.families.folder import MANIFEST, result_folder, write_manifest
 from merap.learning.config import TrainingConfig
 from merap.mdp.canonical import canonicalise
 from merap.mdp.graph import restrict_to_reachable

@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from merap.base.build import build_base
-from merap.base.folder import write_file
 from merap.concerns.case_study import CaseStudy
+from merap.families.build import build_base
+from merap.families.folder import write_file
 from merap.learning.checkpoint import (
     policy_bytes,
     read_checkpoint,

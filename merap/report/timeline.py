@@ -14,9 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from merap.mapek.records import EpisodeRow
+from merap.mapek.scores import LoopReport, Reaction
 from merap.mdp.model import Floats
-from merap.online.loop.records import EpisodeRow
-from merap.online.loop.scores import LoopReport, Reaction
 from merap.report.style import (
     BLUE,
     FONT_SIZE,

@@ -1,0 +1,57 @@
+"""A case's combinations as files: PRISM text, and UMB archives of what Storm built."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from merap.checker.storm import build_text
+from merap.concerns.case_study import CaseStudy
+from merap.concerns.combination import Combination
+from merap.families.folder import result_folder, write_manifest
+from merap.prism.rendering import render
+
+
+def render_case(case: CaseStudy, combinations: Iterable[Combination], folder: Path) -> int:
+    """Write `<combination>.prism` for each, and `manifest.json`; return how many.
+
+    Same input, same bytes.
+
+    Raises:
+        OutputError: `folder` holds something else, or can't be written.
+    """
+
+    def write(combination: Combination, path: Path) -> None:
+        path.write_text(render(combination), encoding="utf-8")
+
+    return _write_each(case, combinations, folder, "prism", write)
+
+
+def export_case(case: CaseStudy, combinations: Iterable[Combination], folder: Path) -> int:
+    """Build each combination with Storm and write `<combination>.umb`; return how many.
+
+    Raises:
+        OutputError: `folder` holds something else, or can't be written.
+        ModelError: a model is unsound.
+    """
+
+    def write(combination: Combination, path: Path) -> None:
+        build_text(render(combination), combination.name).export_umb(path)
+
+    return _write_each(case, combinations, folder, "umb", write)
+
+
+def _write_each(
+    case: CaseStudy,
+    combinations: Iterable[Combination],
+    folder: Path,
+    kind: str,
+    write: Callable[[Combination, Path], None],
+) -> int:
+    with result_folder(folder, kind) as staging:
+        names = []
+        for combination in combinations:
+            names.append(f"{combination.name}.{kind}")
+            write(combination, staging / names[-1])
+        write_manifest(staging, kind, {"case": case.name, "digest": case.digest}, names)
+    return len(names)

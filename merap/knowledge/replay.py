@@ -1,0 +1,78 @@
+"""A recorded run again: what was seen and decided, in order, and whether it would be decided so again."""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from merap.knowledge.base import KnowledgeBase
+from merap.knowledge.rows import DecisionRow, ObservationRow
+
+
+def replay(knowledge: KnowledgeBase, run: int) -> Iterator[ObservationRow | DecisionRow]:
+    """What was seen and decided, by episode and step; what was decided after what was seen.
+
+    A loop may record an episode's decisions after all its observations, so this is not the order
+    of recording.
+    """
+    streams: list[Iterator[ObservationRow | DecisionRow]] = [
+        knowledge.observations(run),
+        knowledge.decisions(run),
+    ]
+    return heapq.merge(*streams, key=lambda row: (row.episode, row.step))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A decision that was not derived as it was recorded.
+
+    Attributes:
+        episode: during which.
+        step: steps of it that were over.
+        kind: of the decision.
+        recorded: its reasons; None: it was not recorded.
+        derived: its reasons when it was derived again; None: it was not.
+    """
+
+    episode: int
+    step: int
+    kind: str
+    recorded: tuple[str, ...] | None
+    derived: tuple[str, ...] | None
+
+    def __str__(self) -> str:
+        return (
+            f"episode {self.episode}, step {self.step}: {self.kind}: "
+            f"recorded {_reasons(self.recorded)}, derived {_reasons(self.derived)}"
+        )
+
+
+def _reasons(reasons: tuple[str, ...] | None) -> str:
+    return "nothing" if reasons is None else f"'{'; '.join(reasons)}'"
+
+
+def differences(
+    recorded: Iterable[DecisionRow], derived: Iterable[DecisionRow], kinds: Collection[str]
+) -> tuple[Difference, ...]:
+    """Where the decisions of some kinds are not the same, in order.
+
+    Args:
+        recorded: in the knowledge base.
+        derived: again, from the recorded observations.
+        kinds: that are compared; others may depend on more than observations, such as on time.
+    """
+    reasons: dict[tuple[int, int, str], tuple[list[tuple[str, ...]], list[tuple[str, ...]]]]
+    reasons = defaultdict(lambda: ([], []))
+    for index, rows in enumerate((recorded, derived)):
+        for row in rows:
+            if row.kind in kinds:
+                reasons[row.episode, row.step, row.kind][index].append(row.reasons)
+    return tuple(
+        Difference(*key, before, after)
+        for key in sorted(reasons)
+        for before, after in zip_longest(*reasons[key])
+        if before != after
+    )

@@ -1,0 +1,243 @@
+"""The analyzer: what the real domain is like, and whether it is still what the policy was made for.
+
+Axes: S states of the canonical index (the completed state is the last), A declared actions, K as in
+`belief.actions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from merap.belief.explanation import explain
+from merap.belief.model import DomainModel, mean_model, tabular
+from merap.belief.posterior import Belief, prior_belief
+from merap.belief.remembering import remembered
+from merap.belief.space import HypothesisSpace
+from merap.belief.update import Step, observe_state, observe_step
+from merap.mapek.change_points import Rival, Rivals
+from merap.mapek.messages import AdaptedPolicy, Analysis, Monitored, Phase, Sighting, Transition
+from merap.mdp.evaluation import expected_return
+from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import optimum, worst_value
+from merap.strategies.evaluation import Range
+from merap.strategies.protocol import executed
+from merap.trigger.readings import Forecast, Steps
+from merap.trigger.settings import ChangeSettings
+from merap.trigger.trigger import Alarm, Reading, Trigger
+
+# An adaptation goes on while an update's episodes change the belief by more nats than that.
+QUIET = 0.1
+# But not for more than so many times the updates that it takes at least.
+PATIENCE = 5
+
+
+class Analyzer:
+    """Keeps a belief while the learner adapts; watches its predictions while the policy is executed.
+
+    While the policy is executed the model stays as it was when adaptation ended. If it followed the
+    observations, a change would be explained away before anyone acts on it. While it is adapted the belief
+    has rivals that would notice a change, see `rivals`.
+
+    Args:
+        space: the hypotheses of the case.
+        horizon: T.
+        updates: policy updates of an adaptation, at least; None: it never ends.
+        trigger: decides when to re-plan; None: never.
+        settings: of what the trigger reads.
+        forget: re-planning starts from the prior; else from a mixture of it and of what was believed.
+    """
+
+    def __init__(
+        self,
+        space: HypothesisSpace,
+        horizon: int,
+        updates: int | None,
+        trigger: Trigger | None,
+        settings: ChangeSettings | None = None,
+        *,
+        forget: bool = True,
+    ) -> None:
+        self._space = space
+        self._horizon = horizon
+        self._updates = updates
+        self._learned = 0.0
+        self._trigger = trigger
+        self._settings = settings or ChangeSettings()
+        self._forget = forget
+        self._forecast: Forecast | None = None
+        self._watched = 0
+        self._phase: Phase = "adapting"
+        self.belief = prior_belief(space)
+        self._rivals = Rivals(space)
+        self._modelled: tuple[Belief, DomainModel] | None = None
+
+    @property
+    def model(self) -> DomainModel:
+        """The MDP of the real domain, as far as it is known."""
+        if self._modelled is None or self._modelled[0] is not self.belief:
+            self._modelled = self.belief, mean_model(self._space, self.belief)
+        return self._modelled[1]
+
+    def tabular(self) -> TabularMDP:
+        """The same on the canonical index."""
+        return tabular(self._space, self.model, self._space.initial)
+
+    def remember(self, space: HypothesisSpace) -> None:
+        """From the next re-planning on, begin with the prior of these hypotheses."""
+        self._space = space
+
+    def explain(self) -> tuple[str, ...]:
+        """Which hypotheses are left, with what weight."""
+        return explain(self._space, self.belief, "the analyzer's model is the mean of its belief")
+
+    def enough(self, policy: AdaptedPolicy) -> bool:
+        """Whether an adaptation may end with this update.
+
+        It may, after the updates that it takes at least, once there is no more news and the policy
+        is about as good as any for what is believed.
+        """
+        news, self._learned = self.belief.learned - self._learned, self.belief.learned
+        if self._updates is None or policy.update < self._updates:
+            return False
+        if policy.update >= PATIENCE * self._updates:
+            return True
+        return news <= QUIET and self._is_good(policy.table)
+
+    def _is_good(self, table: Floats) -> bool:
+        model = self.tabular()
+        reachable = Range(optimum(model, self._horizon), worst_value(model, self._horizon))
+        value = expected_return(model, executed(model, table), self._horizon)
+        return reachable.within_5_percent(value) or reachable.solved(value)
+
+    def settle(self, table: Floats) -> None:
+        """Adaptation is over: from now on observations are held against the model.
+
+        Args:
+            table: float64 [S, A] or [T, S, A], the policy that is carried out.
+        """
+        self._phase = "executing"
+        if self._trigger is not None:
+            model = self.tabular()
+            self._forecast = Forecast(model, executed(model, table), self._horizon, self._settings)
+
+    def analyse(self, monitored: Monitored) -> Analysis:
+        """What has arrived, taken in or held against the model."""
+        if self._phase == "executing":
+            alarm = self._watch(monitored)
+            if alarm is not None:
+                return self._replan(monitored, alarm)
+        else:
+            rival = self._adapt(monitored)
+            if rival is not None:
+                return self._start_anew(monitored, rival)
+        return Analysis(self._phase, self._whereabouts(monitored))
+
+    def _adapt(self, monitored: Monitored) -> Rival | None:
+        """Take in what has arrived; a rival that has seen enough to be believed instead."""
+        if self._trigger is not None and monitored.step == 0:
+            self._rivals.begin(monitored.episode, self.belief)
+        for news in monitored.news:
+            self._learn(news)
+        return self._rivals.convincing(self.belief)
+
+    def _start_anew(self, monitored: Monitored, rival: Rival) -> Analysis:
+        """With the belief of the rival, for whom the change was before all it has seen."""
+        odds = rival.log_odds(self.belief)
+        self.belief = rival.belief
+        self._learned = self.belief.learned
+        self._rivals = Rivals(self._space)
+        reason = (
+            f"the system has changed amid the adaptation: what was seen from episode {rival.episode} on is "
+            f"e^{odds:.1f} times likelier if all that was learned before is forgotten"
+        )
+        return Analysis(self._phase, self._whereabouts(monitored), replan=True, reasons=(reason,))
+
+    def _replan(self, monitored: Monitored, alarm: Alarm) -> Analysis:
+        assert self._trigger is not None
+        self._trigger.replanned()
+        self._phase = "adapting"
+        if not self._forget:
+            self._space = remembered(self._space, self.belief)
+        self.belief = prior_belief(self._space)
+        self._learned = self.belief.learned
+        self._rivals = Rivals(self._space)
+        self._rivals.begin(monitored.episode, self.belief)
+        for news in monitored.news:
+            self._learn(news)
+        where = self._whereabouts(monitored)
+        return Analysis(self._phase, where, replan=True, reasons=(alarm.reason,))
+
+    def _watch(self, monitored: Monitored) -> Alarm | None:
+        """The first alarm that the news give, or the end of the episode."""
+        if self._trigger is None or self._forecast is None:
+            return None
+        if monitored.step == 0:
+            self._watched = 0
+        seen = [news for news in monitored.news if isinstance(news, Transition)]
+        for one, reading in zip(seen, _readings(self._forecast, seen), strict=True):
+            self._missed_before(one.time)
+            self._watched = one.time + 1
+            alarm = self._trigger.observe(reading)
+            if alarm is not None:
+                return alarm
+        if not monitored.last:
+            return None
+        self._missed_before(monitored.step)
+        return self._trigger.episode_over()
+
+    def _missed_before(self, step: int) -> None:
+        """Tell the trigger, if not all steps before this one were seen whole."""
+        assert self._trigger is not None
+        if step > self._watched:
+            self._trigger.missed()
+
+    def _learn(self, news: Transition | Sighting) -> None:
+        self.belief = self._taken_in(self.belief, news)
+        self._rivals.observe(lambda belief: self._taken_in(belief, news))
+
+    def _taken_in(self, belief: Belief, news: Transition | Sighting) -> Belief:
+        if isinstance(news, Transition):
+            step = Step(news.state, news.action, news.target, news.observation.reward)
+            belief = observe_step(self._space, belief, step)
+            return observe_state(self._space, belief, news.target, news.observation)
+        return observe_state(self._space, belief, news.state, news.observation)
+
+    def _whereabouts(self, monitored: Monitored) -> Floats:
+        """float64 [S], given that the episode isn't over unless that was seen."""
+        completed = self._space.num_states
+        where = np.zeros(completed + 1)
+        if monitored.state is not None:
+            where[monitored.state] = 1.0
+            return where
+        begin = self._space.initial if monitored.seen is None else np.eye(completed)[monitored.seen]
+        where[:-1] = _predicted(self.model, begin, monitored.since)
+        return where
+
+
+def _readings(forecast: Forecast, seen: Sequence[Transition]) -> list[Reading]:
+    """Steps that were seen whole, held against the model."""
+    if not seen:
+        return []
+    steps = Steps(
+        time=np.array([one.time for one in seen]),
+        state=np.array([one.state for one in seen]),
+        action=np.array([one.action for one in seen]),
+        target=np.array([one.target for one in seen]),
+        reward=np.array([one.observation.reward for one in seen]),
+        last=np.array([one.observation.last for one in seen]),
+    )
+    readings = forecast.read(steps)
+    return [readings[index] for index in range(len(readings))]
+
+
+def _predicted(model: DomainModel, begin: Floats, actions: Sequence[int]) -> Floats:
+    """float64 [S - 1], where some actions lead if they don't end the task."""
+    here = begin
+    for action in actions:
+        onward = here[:, np.newaxis] * model.prob[action] * model.continuation[action]
+        there = np.bincount(model.target[action].ravel(), onward.ravel(), minlength=len(here))
+        # The episode is known to go on, even where the model says it can't.
+        here = there / there.sum() if there.sum() > 0 else here
+    return here

@@ -1,0 +1,123 @@
+"""Learning offline again: what the base lacks is added to it, and the meta policy is trained on.
+
+When an adaptation ends with most of the belief outside the base, the analyzer's model of the real
+domain becomes one more task. The meta policy is trained on from what it is, on tasks of the base and
+what was added, and the belief of the next adaptation begins with a prior that remembers it
+(`belief.remembering`), so that the same configuration is met sooner. What was added once is not added again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from merap.belief.posterior import Belief
+from merap.belief.remembering import base_weight, likeliest, remembered
+from merap.belief.space import HypothesisSpace
+from merap.learning.meta import MetaPolicy
+from merap.learning.training import meta_policy, updates
+from merap.learning.warm_start import begun_from
+from merap.mapek.learner import StrategyMaker
+from merap.mdp.model import TabularMDP
+from merap.strategies.registry import StrategyContext
+
+# Of the belief, for the domain to count as none of the base.
+MOST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """The base with one more model, and what was learned of it.
+
+    Attributes:
+        name: of the model.
+        model: canonical.
+        meta: the new meta policy.
+        updates: outer updates that have led to it, those of the training run included.
+        hypotheses: with a prior that remembers what was met.
+        make: strategies that begin with both.
+        reasons: why, in plain lines.
+    """
+
+    name: str
+    model: TabularMDP = field(repr=False)
+    meta: MetaPolicy = field(repr=False)
+    updates: int
+    hypotheses: HypothesisSpace = field(repr=False)
+    make: StrategyMaker = field(repr=False)
+    reasons: tuple[str, ...]
+
+
+class Extender:
+    """Extends the base of a run, in memory; the run folder stays what it is.
+
+    Args:
+        context: what strategies were made from so far.
+        making: makes strategies from such a context.
+        updates: outer updates after each addition.
+    """
+
+    def __init__(
+        self,
+        context: StrategyContext,
+        making: Callable[[StrategyContext], StrategyMaker],
+        updates: int,
+    ) -> None:
+        self._context = context
+        self._making = making
+        self._updates = updates
+        self._added: list[TabularMDP] = []
+        self._known: set[tuple[str, ...]] = set()
+
+    def extend(self, episode: int, belief: Belief, model: TabularMDP) -> Extension | None:
+        """Add what was met after an adaptation has ended, if the base lacks it.
+
+        Args:
+            episode: its last one.
+            belief: the analyzer's.
+            model: of the real domain, canonical.
+        """
+        space = self._context.hypotheses
+        outside, found = 1 - base_weight(space, belief), likeliest(space, belief)
+        if outside <= MOST or found in self._known:
+            return None
+        self._known.add(found)
+        self._added.append(model)
+        meta, hypotheses = self._trained(), remembered(space, belief)
+        self._context = self._context.having_learned(meta, hypotheses)
+        name, number = f"met_{episode}", len(self._added)
+        return Extension(
+            name=name,
+            model=model,
+            meta=meta,
+            updates=self._context.run.config.updates + number * self._updates,
+            hypotheses=hypotheses,
+            make=self._making(self._context),
+            reasons=(
+                f"{outside:.2f} of the belief is outside the base ({', '.join(found)}): its model is "
+                f"added as {name}, number {number} beside the {len(self._context.run.names)} of the base",
+                f"the meta policy was trained on by {self._updates} updates",
+            ),
+        )
+
+    def _trained(self) -> MetaPolicy:
+        """The meta policy after some updates; the seed is that of the run and of how many were added."""
+        run = self._context.run
+        config = run.config.model_copy(update={"updates": self._updates, "patience": 0})
+        generator = np.random.default_rng([run.config.seed, len(self._added)])
+        tasks = self._context.batch(self._chosen(config.tasks_per_update, generator))
+        state = begun_from(self._context.meta, tasks, config)
+        state.generator.manual_seed(int(generator.integers(2**63)))
+        for _ in updates(tasks, config, state):
+            pass
+        return meta_policy(tasks, config, state)
+
+    def _chosen(self, size: int, generator: np.random.Generator) -> list[TabularMDP]:
+        """What was added last, at most half of the tasks of an update, and others of the base."""
+        added = self._added[-max(1, size // 2) :]
+        base = self._context.models
+        count = min(len(base), size - len(added))
+        drawn = generator.choice(len(base), count, replace=False)
+        return [*added, *(base[number] for number in drawn.tolist())]

@@ -1,0 +1,116 @@
+"""The planner: the next action, from the learner's exploration or the policy it has made.
+
+Axes: T steps, S states, A declared actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+
+from merap.mapek.learner import Learner
+from merap.mapek.messages import Analysis, Monitored, Plan
+from merap.mdp.model import Bools, Floats
+from merap.systems.deadline import Lateness, Punctual
+
+# (episode, step) of plans that were not made in time.
+Late = Mapping[tuple[int, int], Lateness]
+
+
+class Planner:
+    """Plans one action at a time.
+
+    While the policy is adapted and the state is seen, the learner acts, for it explores. Otherwise
+    the policy is carried out: in the state that is seen, or averaged over those where the system
+    may be. A plan that is late is replaced by the fallback action.
+
+    The learner works beside the loop. A policy that it is still making is carried out from the first
+    plan on that finds it made, and any plan until then is late.
+
+    Attributes:
+        table: float64 [S, A] or [T, S, A], the policy that is carried out.
+
+    Args:
+        learner: whose policy it is.
+        fallback: number of the action that is always safe; None: the first that is allowed.
+        punctual: keeps the deadline, and has been handed all that the learner was told.
+        generator: of actions drawn from the policy.
+        late: plans that were late when they were recorded.
+    """
+
+    def __init__(
+        self,
+        learner: Learner,
+        fallback: int | None,
+        punctual: Punctual,
+        generator: np.random.Generator,
+        late: Late,
+    ) -> None:
+        self._learner = learner
+        self._fallback = fallback
+        self._punctual = punctual
+        self._generator = generator
+        self._late = late
+        self._expected: Callable[[], Floats] | None = None
+        self.table: Floats = np.empty((0, 0))
+
+    def adopt(self, table: Floats) -> None:
+        """Carry out this policy, float64 [S, A] or [T, S, A], from now on."""
+        self.table, self._expected = table, None
+
+    def expect(self, made: Callable[[], Floats]) -> None:
+        """Carry out a policy as soon as the learner has done all that it was told before."""
+        self._expected = made
+
+    def catch_up(self) -> None:
+        """The learner has done all that it was told."""
+        if self._expected is not None:
+            self.adopt(self._expected())
+
+    def plan(self, monitored: Monitored, analysis: Analysis, allowed: Bools) -> Plan:
+        """The next action, one of those allowed (bool [A], not empty)."""
+        if monitored.problems:
+            return self._fall_back(allowed, monitored.problems[-1])
+        action: int | Lateness | None = None
+        # The learner has been told of a state that is seen: that came with the same message.
+        if analysis.phase == "adapting" and monitored.state is not None:
+            action = self._asked(monitored, partial(self._learner.act, allowed))
+        elif self._expected is not None:
+            action = self._asked(monitored, _nothing)
+        if isinstance(action, Lateness):
+            return self._fall_back(allowed, action.value)
+        if action is not None:
+            return Plan(action, "exploration")
+        return self._by_policy(monitored, analysis, allowed)
+
+    def _asked(self, monitored: Monitored, work: Callable[[], int | None]) -> int | Lateness | None:
+        """What the learner says in time, after all that it was told before."""
+        recorded = self._late.get((monitored.episode, monitored.step))
+        if recorded is Lateness.BUSY:
+            return recorded
+        answer = self._punctual.in_time(work)
+        if answer is not Lateness.BUSY:
+            self.catch_up()
+        return answer if recorded is None else recorded
+
+    def _fall_back(self, allowed: Bools, reason: str) -> Plan:
+        """The fallback action, or the first that is allowed where it isn't."""
+        if self._fallback is not None and allowed[self._fallback]:
+            return Plan(self._fallback, "fallback", reason)
+        return Plan(int(np.flatnonzero(allowed)[0]), "fallback", reason)
+
+    def _by_policy(self, monitored: Monitored, analysis: Analysis, allowed: Bools) -> Plan:
+        table = self.table
+        if table.ndim == 3:
+            table = table[min(monitored.step, len(table) - 1)]
+        shares = (analysis.whereabouts @ table) * allowed
+        if shares.sum() <= 0:
+            shares = allowed.astype(np.float64)
+        action = int(self._generator.choice(len(shares), p=shares / shares.sum()))
+        return Plan(action, "prediction" if monitored.state is None else "policy")
+
+
+def _nothing() -> None:
+    """To ask for nothing but that what was told before is done."""

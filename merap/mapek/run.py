@@ -1,0 +1,207 @@
+"""A run of the loop on a scenario: `merap run`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from merap.errors import InputError
+from merap.knowledge.base import KnowledgeBase
+from merap.knowledge.event_log import JsonLines
+from merap.learning.checkpoint import POLICY_FILE
+from merap.learning.run_folder import RunFolder
+from merap.learning.threads import one_thread
+from merap.mapek.components import Built, Guard, build, unguarded
+from merap.mapek.connecting import connected
+from merap.mapek.loop import Loop
+from merap.mapek.managers import MERAP
+from merap.mapek.records import EpisodeLog, EpisodeRow
+from merap.mapek.run_store import NOTHING, Memory, Past, Recorded, recall
+from merap.mapek.scenario import Scenario
+from merap.mapek.scores import LoopReport, reactions
+from merap.systems.faults import SystemFault
+
+OnEpisode = Callable[[EpisodeRow], None]
+# A run ends when so many episodes in a row could not even begin.
+GONE = 3
+
+
+def run_loop(
+    run: RunFolder,
+    scenario: Scenario,
+    *,
+    manager: str = MERAP,
+    knowledge: KnowledgeBase | None = None,
+    lines: JsonLines | None = None,
+    resume: bool = False,
+    guard: Guard = unguarded,
+    on_episode: OnEpisode = lambda row: None,
+) -> LoopReport:
+    """Control the system of a scenario.
+
+    A system that is not simulated may be gone for a while: then the run ends early, and `resume` goes on.
+
+    Args:
+        run: a finished training run.
+        scenario: what is met, and what changes when.
+        manager: one of `managers.MANAGERS`.
+        knowledge: where the run is recorded; None: nowhere.
+        lines: where the log of a run that is recorded is written too.
+        resume: go on with the last run of this scenario and manager in the knowledge base; one that
+            is finished is reported again.
+        guard: what stands between the loop and the system, as `managed.guarded.GuardedSystem`, which is
+            closed after the run.
+        on_episode: called after each episode, those that were recorded before included.
+
+    Raises:
+        InputError: the scenario does not fit the case, a name is unknown, or there is no such run
+            to go on with.
+        SystemFault: the system can't be reached, before any episode.
+    """
+    number, past = None, NOTHING
+    if resume:
+        if knowledge is None:
+            raise InputError("there is no knowledge base to go on from")
+        number = _last_run(run, scenario, manager, knowledge)
+        past = recall(knowledge, number)
+    with connected(scenario, run.case, len(past.episodes)) as live:
+        built = build(run, scenario, manager, past, guard, live)
+        memory = None
+        if knowledge is not None:
+            number = _begun(run, scenario, manager, knowledge) if number is None else number
+            memory = Memory(knowledge, number, lines)
+        rows, seconds, ended_by = _rows(built, scenario.spec.episodes, past, memory, on_episode)
+    report = LoopReport(
+        scenario=scenario.spec.scenario,
+        manager=manager,
+        case=run.case.name,
+        seed=scenario.spec.seed,
+        rows=rows,
+        reactions=reactions(rows, built.system.stages),
+        shield=None if built.shield is None else built.shield.as_dict(),
+        seconds=seconds,
+        ended_by=ended_by,
+    )
+    if memory is not None:
+        memory.end(report)
+    return report
+
+
+def _rows(
+    built: Built, episodes: int, past: Past, memory: Memory | None, on_episode: OnEpisode
+) -> tuple[tuple[EpisodeRow, ...], tuple[float, ...], SystemFault | None]:
+    """All episodes, their seconds of wall time, and why there are no more of them."""
+    rows, seconds = [], []
+    try:
+        with one_thread(), built:
+            for row, taken in _course(built, episodes, past, memory):
+                rows.append(row)
+                seconds.append(taken)
+                on_episode(row)
+    except SystemFault as fault:
+        return tuple(rows), tuple(seconds), fault
+    return tuple(rows), tuple(seconds), None
+
+
+def _named(scenario: Scenario, manager: str) -> tuple[str, dict[str, Any]]:
+    """Name and settings of a run in the knowledge base."""
+    return f"{scenario.spec.scenario}.{manager}", {"scenario": scenario.settings(), "manager": manager}
+
+
+def _begun(run: RunFolder, scenario: Scenario, manager: str, knowledge: KnowledgeBase) -> int:
+    """A new run, with the meta policy that it begins with."""
+    name, settings = _named(scenario, manager)
+    with knowledge.transaction():
+        number = knowledge.start_run(name, run.case.name, run.case.digest, settings)
+        knowledge.record_policy(number, "meta", run.config.updates, (run.path / POLICY_FILE).read_bytes())
+    return number
+
+
+def _last_run(run: RunFolder, scenario: Scenario, manager: str, knowledge: KnowledgeBase) -> int:
+    """The last run of this scenario and manager.
+
+    Raises:
+        InputError: there is none, or it was begun with another case or other settings.
+    """
+    name, settings = _named(scenario, manager)
+    found = [row for row in knowledge.runs() if row.name == name]
+    if not found:
+        raise InputError(f"there is no run {name!r} in the knowledge base to go on with")
+    last = max(found, key=lambda row: row.id)
+    if last.digest != run.case.digest or last.settings != settings:
+        raise InputError(
+            f"run {last.id} ({name}) was begun with another case or other settings; begin a new one"
+        )
+    return last.id
+
+
+def _course(
+    built: Built, episodes: int, past: Past, memory: Memory | None
+) -> Iterator[tuple[EpisodeRow, float]]:
+    """Episode by episode: the row of the report, and its seconds of wall time."""
+    loop = Loop(built.parts, adapts=built.adapts)
+    built.parts.punctual.patient = True
+    for recorded in past.episodes:
+        _require_same(loop.episode(), recorded)
+        yield recorded.row, recorded.seconds
+    built.parts.punctual.patient = False
+    if past.system is not None:
+        built.system.restore(past.system)
+    gone = 0
+    for number in range(len(past.episodes), episodes):
+        built.system.begin(number)
+        row, log = _episode(built, loop)
+        if memory is not None:
+            memory.commit(log, row, built.system.snapshot())
+        yield row, log.seconds
+        begun = log.executions[0]
+        gone = gone + 1 if begun.observation is None else 0
+        if gone == GONE:
+            message = f"none of the last {gone} episodes could begin, and no other is tried: {begun.fault}"
+            raise SystemFault("gone", message, repeatable=False)
+
+
+def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
+    """Refuse to go on where the same observations don't lead to the same actions."""
+    taken = [execution.action for execution in log.executions]
+    before = [row.action for row in recorded.observations]
+    if taken != before:
+        step = next(
+            (index for index, pair in enumerate(zip(taken, before, strict=False)) if pair[0] != pair[1]),
+            min(len(taken), len(before)),
+        )
+        raise InputError(
+            f"episode {log.episode} went differently when it was recorded, from step {step} on: "
+            "the run folder or the program is not the same any more"
+        )
+
+
+def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
+    system = built.system
+    before, stage = loop.table, system.stage
+    log = loop.episode()
+    truth, tally = system.truth, system.tally
+    entered = None if truth is None or system.stage == stage else truth.value(before)
+    return (
+        EpisodeRow(
+            episode=log.episode,
+            stage=system.stage,
+            phase=log.phase,
+            steps=tally.steps,
+            earned=tally.earned,
+            discounted=tally.discounted,
+            optimum=None if truth is None else truth.reachable.optimum,
+            discounted_optimum=None if truth is None else truth.discounted_optimum,
+            expected=None if truth is None else truth.value(loop.table),
+            entered=entered,
+            unsafe=tally.unsafe,
+            completed=tally.completed,
+            replans=log.count("replan"),
+            updates=log.count("update"),
+            fallbacks=log.count("fallback"),
+            problems=len(log.problems),
+            safe_optimum=None if truth is None else truth.safe_optimum,
+            faults=tally.faults,
+        ),
+        log,
+    )

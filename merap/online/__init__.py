@@ -1,1 +1,0 @@
-"""Systems that are met online, and policies that adapt to them."""

@@ -1,1 +1,0 @@
-"""Adaptation strategies behind one interface (`merap.online.strategy.Strategy`)."""

@@ -1,0 +1,1 @@
+"""Adaptation strategies behind one interface (`merap.systems.strategy.Strategy`)."""

@@ -1,0 +1,52 @@
+"""The policy that gradient steps lead to, with its parameters, to take away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from merap.concerns.combination import Combination
+from merap.learning.meta import MetaPolicy
+from merap.learning.run_folder import RunFolder
+from merap.learning.threads import one_thread
+from merap.strategies.adaptation import OnStep
+from merap.strategies.gradient import GradientStrategy
+from merap.strategies.ground_truth import encounter, met_system
+from merap.strategies.protocol import episode
+
+
+def adapted_policy(
+    run: RunFolder,
+    system: Combination,
+    *,
+    steps: int,
+    episodes_per_step: int = 35,
+    seed: int = 0,
+    on_step: OnStep = lambda: None,
+) -> MetaPolicy:
+    """The meta policy after gradient steps on a simulated system, as `adapt` with this seed takes them.
+
+    Args:
+        run: a finished training run.
+        system: an online system or a combination of the run's case.
+        steps: gradient steps; 0 gives the meta policy.
+        episodes_per_step: B.
+        seed: of the episodes.
+        on_step: called after each step.
+
+    Raises:
+        InputError: the run is not finished, or the system can't begin another episode.
+    """
+    met = encounter(run, system, episodes_per_step=episodes_per_step)
+    of_system, of_strategy = np.random.default_rng(seed).spawn(2)
+    meta = met.context.meta
+    strategy = GradientStrategy(meta, met.context.valuations, episodes_per_step, of_strategy)
+    with one_thread():
+        real = met_system(met, of_system)
+        for _ in range(steps):
+            for _ in range(episodes_per_step):
+                episode(real, strategy)
+            strategy.update()
+            on_step()
+    return replace(meta, parameters=strategy.parameters)

@@ -1,0 +1,206 @@
+"""Every adaptation strategy by its name.
+
+A name may have an argument after a colon: `pretrained:<combination>`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from merap.belief.refinement import Refinement
+from merap.belief.space import HypothesisSpace, hypothesis_space
+from merap.belief.strategy import BeliefStrategy
+from merap.concerns.names import suggestion
+from merap.errors import InputError
+from merap.families.build import model_of
+from merap.learning.checkpoint import read_policy
+from merap.learning.meta import MetaPolicy
+from merap.learning.run_folder import RunFolder, read_tasks
+from merap.learning.tasks import TaskBatch, task_batch
+from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.strategies.baselines import joint_policy, pretrained_policies
+from merap.strategies.fixed import FixedStrategy, optimal_policy
+from merap.strategies.gradient import GradientStrategy, untrained
+from merap.strategies.retrieval import RetrievalStrategy
+from merap.systems.strategy import Strategy
+
+GRADIENT, BELIEF, OPE, PRETRAINED = "gradient", "belief", "ope", "pretrained"
+JOINT, RETRIEVAL, ORACLE = "joint", "retrieval", "oracle"
+STRATEGIES: tuple[str, ...] = (GRADIENT, BELIEF, OPE, PRETRAINED, JOINT, RETRIEVAL, ORACLE)
+# These take `episodes_per_step` real episodes for a policy update, the others one.
+STEPPING = (GRADIENT, OPE)
+# The argument of `pretrained` that stands for every combination of the base.
+ALL = "all"
+
+
+@dataclass(frozen=True, eq=False)
+class StrategyContext:
+    """What strategies are made from; what takes time is made when first needed, and once.
+
+    Attributes:
+        run: a finished training run.
+        horizon: T, steps of an episode of the system.
+        discount: of a step.
+        episodes_per_step: B, real episodes of a gradient step.
+        true_model: of the system; only `oracle` may look.
+    """
+
+    run: RunFolder
+    horizon: int
+    discount: float
+    episodes_per_step: int = 35
+    true_model: TabularMDP | None = field(default=None, repr=False)
+
+    @cached_property
+    def models(self) -> list[TabularMDP]:
+        """The canonical models of the run's base."""
+        return read_tasks(self.run)
+
+    @cached_property
+    def tasks(self) -> TaskBatch:
+        """The same as arrays."""
+        return self.batch(self.models)
+
+    @cached_property
+    def meta(self) -> MetaPolicy:
+        """What the run has learned."""
+        return read_policy(self.run, self.tasks)
+
+    @cached_property
+    def hypotheses(self) -> HypothesisSpace:
+        """What the domain may be."""
+        return hypothesis_space(self.run.case)
+
+    @property
+    def valuations(self) -> Ints:
+        """int64 [S, V], the canonical index."""
+        return self.models[0].valuations
+
+    def tasks_named(self, names: Sequence[str]) -> TaskBatch:
+        """Combinations of the case as arrays, those outside the base too.
+
+        Raises:
+            InputError: there is no such combination.
+        """
+        number = {name: index for index, name in enumerate(self.run.names)}
+        return self.batch(
+            [
+                self.models[number[name]] if name in number else model_of(self.run.case.combination(name))
+                for name in names
+            ]
+        )
+
+    def pretrained(self, names: Sequence[str]) -> list[Floats]:
+        """float64 [S, A] for each combination: the policy learned for it.
+
+        Raises:
+            InputError: there is no such combination, or a stored policy does not fit.
+        """
+        for name in names:
+            if name not in self.run.names:
+                self.run.case.combination(name)
+        return pretrained_policies(self.run, self.meta.network, names, self.tasks_named)
+
+    def having_learned(self, meta: MetaPolicy, hypotheses: HypothesisSpace) -> StrategyContext:
+        """The same with another meta policy and another prior; what was made already is kept."""
+        other = copy(self)
+        other.__dict__.update(meta=meta, hypotheses=hypotheses)  # where cached properties are kept
+        return other
+
+    def batch(self, models: Sequence[TabularMDP]) -> TaskBatch:
+        """Canonical models as arrays."""
+        horizon = self.run.case.combination_at(0).objective.horizon
+        return task_batch(models, horizon, self.run.case.discount)
+
+
+def _gradient(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    return GradientStrategy(context.meta, context.valuations, context.episodes_per_step, generator)
+
+
+def _ope(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    start = untrained(context.meta, generator)
+    episodes = context.episodes_per_step
+    return GradientStrategy(start, context.valuations, episodes, generator, trained=False)
+
+
+def _belief(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    (of_models,) = generator.spawn(1)
+    refine = Refinement(context.meta, context.hypotheses, context.horizon, of_models)
+    return BeliefStrategy(context.hypotheses, context.horizon, generator, refine=refine)
+
+
+def _pretrained(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    (policy,) = context.pretrained([argument])
+    reason = f"the policy learned for {argument}, not adapted"
+    return FixedStrategy(policy, context.valuations, generator, reason)
+
+
+def _joint(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    policy = joint_policy(context.run, context.meta.network, lambda: context.tasks)
+    reason = f"one policy learned for all {len(context.run.names)} tasks, not adapted"
+    return FixedStrategy(policy, context.valuations, generator, reason)
+
+
+def _retrieval(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    return RetrievalStrategy(context.run.names, context.models, context.tasks, context.horizon, generator)
+
+
+def _oracle(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
+    if context.true_model is None:
+        raise InputError("the strategy 'oracle' needs the true model, which is not known here")
+    policy = optimal_policy(context.true_model, context.horizon)
+    return FixedStrategy(policy, context.true_model.valuations, generator, "best on the true model")
+
+
+Maker = Callable[[StrategyContext, str, np.random.Generator], Strategy]
+_MAKERS: Mapping[str, Maker] = {
+    GRADIENT: _gradient,
+    BELIEF: _belief,
+    OPE: _ope,
+    PRETRAINED: _pretrained,
+    JOINT: _joint,
+    RETRIEVAL: _retrieval,
+    ORACLE: _oracle,
+}
+
+
+def make_strategy(name: str, context: StrategyContext, generator: np.random.Generator) -> Strategy:
+    """A strategy before any episode.
+
+    Args:
+        name: one of `STRATEGIES`; `pretrained` with the name of a combination after a colon.
+        context: what it is made from.
+        generator: of everything random in it.
+
+    Raises:
+        InputError: there is no such strategy or combination, the run is not finished, or a stored
+            baseline does not fit.
+    """
+    kind, argument = parse_strategy(name)
+    return _MAKERS[kind](context, argument, generator)
+
+
+def parse_strategy(name: str) -> tuple[str, str]:
+    """The strategy and its argument, which may be empty.
+
+    Raises:
+        InputError: there is no such strategy, or it takes another argument.
+    """
+    kind, colon, argument = name.partition(":")
+    if kind not in STRATEGIES:
+        raise InputError(f"there is no strategy {kind!r}{suggestion(kind, STRATEGIES)}")
+    if kind == PRETRAINED and not argument:
+        raise InputError(f"{name!r} lacks a combination; expected pretrained:<combination> or pretrained:all")
+    if kind != PRETRAINED and colon:
+        raise InputError(f"the strategy {kind!r} takes no argument, got {name!r}")
+    return kind, argument
+
+
+def episodes_per_update(name: str, episodes_per_step: int) -> int:
+    """How many real episodes a policy update of a strategy takes."""
+    return episodes_per_step if parse_strategy(name)[0] in STEPPING else 1

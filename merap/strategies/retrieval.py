@@ -1,0 +1,158 @@
+"""The strategy `retrieval`: of the model base, play the case that fits best what was observed.
+
+Nothing is learned beyond which case it is; what no case has can't be found.
+
+Axes: N cases, T steps, S states, A declared actions, K successors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from merap.learning.tasks import TaskBatch
+from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.strategies.drawing import draw_action
+from merap.strategies.fixed import optimal_policy
+from merap.systems.interface import Observation
+from merap.systems.strategy import StateIndex
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How well a case explains a step.
+
+    Attributes:
+        reward_deviation: standard deviation of observed rewards about a case's, in units of the
+            range of the base's rewards.
+        unexplained: log-likelihood of a step that a case has no explanation for, and of finding
+            other actions enabled; none is worth less, so that one odd step refutes no case for good.
+    """
+
+    reward_deviation: float = 0.1
+    unexplained: float = -10.0
+
+
+@dataclass(frozen=True)
+class _Step:
+    state: int
+    action: int
+    target: int
+    reward: float
+
+
+class RetrievalStrategy:
+    """Retrieves a case of the base after every episode; see `strategy.Strategy`.
+
+    Args:
+        names: of the N cases.
+        models: their canonical models.
+        tasks: the same as arrays.
+        horizon: T.
+        generator: of preferences among cases that fit equally well.
+        settings: of the fit.
+    """
+
+    episodes_per_update = 1
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        models: Sequence[TabularMDP],
+        tasks: TaskBatch,
+        horizon: int,
+        generator: np.random.Generator,
+        settings: FitSettings | None = None,
+    ) -> None:
+        self._names = names
+        self._models = models
+        self._horizon = horizon
+        self._generator = generator
+        self._settings = settings or FitSettings()
+        self._number = StateIndex(models[0].valuations)
+        self._target: Ints = tasks.next_state.numpy()
+        self._prob: Floats = tasks.prob.double().numpy()
+        self._reward: Floats = tasks.reward.double().numpy()
+        self._enabled: Bools = tasks.enabled.numpy()
+        possible = self._reward[self._prob > 0]
+        scale = float(np.ptp(possible)) if possible.size else 0.0
+        self._deviation = self._settings.reward_deviation * (scale or 1.0)
+        self._fit = np.zeros(len(models))
+        self._preference = generator.permutation(len(models))
+        self._seen = np.zeros(len(models[0].valuations), dtype=np.bool_)
+        self._steps: list[_Step] = []
+        self._state, self._time = -1, 0
+        self._retrieved = -1
+        self._retrieve()
+
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins or goes on."""
+        self._look(observation)
+        self._time = time
+
+    def act(self, allowed: Bools) -> int:
+        """The retrieved case's best action, or any where it has none that is allowed."""
+        now = min(self._time, self._horizon - 1)
+        return draw_action(self._policy[now, self._state], allowed, self._generator.random())
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to."""
+        before = self._state
+        self._look(observation)
+        self._steps.append(_Step(before, action, self._state, observation.reward))
+        self._time += 1
+
+    def update(self) -> None:
+        """Retrieve the case that fits all that was observed best."""
+        self._fit += self._fit_of_steps()
+        self._steps = []
+        self._retrieve()
+
+    def revise(self) -> None:
+        """Forget how well each case has fitted; the one that was retrieved is played on."""
+        self._fit[:] = 0.0
+        self._seen[:] = False
+        self._steps = []
+
+    def policy(self) -> Floats:
+        """float64 [T, S, A], the best of the retrieved case."""
+        return self._policy
+
+    def explain(self) -> tuple[str, ...]:
+        """Which case, and how clearly."""
+        best = self._fit.max()
+        equal = int((self._fit >= best - 1e-9).sum())
+        lines = [f"plays {self._names[self._retrieved]}, of {equal} cases that fit best"]
+        if equal < len(self._fit):
+            following = float(self._fit[self._fit < best - 1e-9].max())
+            lines.append(f"the next fits worse by {best - following:.3g} nats")
+        return tuple(lines)
+
+    def _look(self, observation: Observation) -> None:
+        self._state = self._number(observation)
+        if observation.continuation and not self._seen[self._state]:
+            self._seen[self._state] = True
+            differs = (self._enabled[:, self._state] != observation.enabled).any(axis=1)
+            self._fit += np.where(differs, self._settings.unexplained, 0.0)
+
+    def _fit_of_steps(self) -> Floats:
+        """float64 [N], log-likelihood of the steps since the last update."""
+        state = np.array([step.state for step in self._steps], dtype=np.int64)
+        action = np.array([step.action for step in self._steps], dtype=np.int64)
+        target = np.array([step.target for step in self._steps], dtype=np.int64)
+        reward = np.array([step.reward for step in self._steps])
+        arrives = self._target[:, state, action] == target[:, np.newaxis]
+        off = (self._reward[:, state, action] - reward[:, np.newaxis]) / self._deviation
+        likelihood = (self._prob[:, state, action] * arrives * np.exp(-(off**2) / 2)).sum(axis=-1)
+        floor = np.exp(self._settings.unexplained)
+        total: Floats = np.log(np.maximum(likelihood, floor)).sum(axis=-1)
+        return total
+
+    def _retrieve(self) -> None:
+        best = np.flatnonzero(self._fit >= self._fit.max() - 1e-9)
+        retrieved = int(best[self._preference[best].argmin()])
+        if retrieved != self._retrieved:
+            self._retrieved = retrieved
+            self._policy = optimal_policy(self._models[retrieved], self._horizon)

@@ -1,0 +1,223 @@
+"""Requests to a managed system behind HTTP, each with an overall deadline.
+
+The endpoints are those of the UPISAS project. What is answered is read up to a limit, as JSON, and checked
+against the schema that the system serves for it. Proxies of the environment are not used.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+import httpx
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import SchemaError
+from referencing import Registry
+from referencing.exceptions import Unresolvable
+
+from merap.closing import Closing
+from merap.errors import InputError
+from merap.systems.faults import FaultKind, SystemFault
+from merap.systems.loop_thread import LoopThread
+
+MAX_ANSWER = 16 * 1024 * 1024
+MAX_SHOWN = 200
+MAX_PORT = 65_535
+# What httpx raises, the first that fits.
+_KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
+    (httpx.TimeoutException, "timeout"),
+    (httpx.ConnectError, "refused"),
+    (httpx.UnsupportedProtocol, "refused"),
+    (httpx.RemoteProtocolError, "malformed"),
+    (httpx.DecodingError, "malformed"),
+    (httpx.HTTPError, "dropped"),
+)
+
+
+class UpisasClient(Closing):
+    """Speaks to one system; to be closed, or used in a `with` statement.
+
+    Args:
+        url: where its endpoints are, as `http://localhost:3000`.
+        timeout: seconds from the beginning of a request to the end of its answer.
+
+    Raises:
+        InputError: the URL or the time is none.
+    """
+
+    def __init__(self, url: str, timeout: float) -> None:
+        if not timeout > 0:
+            raise InputError(f"a timeout is a positive number of seconds, not {timeout}")
+        self.url = url.rstrip("/")
+        self._timeout = timeout
+        self._closed = False
+        self._validators: dict[str, Draft202012Validator] = {}
+        self._client = httpx.AsyncClient(
+            base_url=_checked(self.url),
+            timeout=timeout,
+            trust_env=False,
+            headers={"accept-encoding": "identity"},
+        )
+        # Only in an event loop a request can be given up at any moment.
+        self._thread = LoopThread(f"client of {self.url}")
+
+    def close(self) -> None:
+        """Hang up; nothing can be asked any more."""
+        if self._closed:
+            return
+        self._closed = True
+        self._thread.run(self._client.aclose())
+        self._thread.stop()
+
+    def get(self, endpoint: str) -> Any:
+        """JSON of an endpoint that has no schema, as a schema itself.
+
+        Raises:
+            SystemFault: there is no sound answer.
+        """
+        return self._json("GET", endpoint, None)
+
+    def monitor(self) -> dict[str, Any]:
+        """What the system shows now.
+
+        Raises:
+            SystemFault: there is no sound answer.
+        """
+        return self._checked_by("monitor_schema", "GET /monitor", self.get("/monitor"))
+
+    def adaptation_options(self) -> dict[str, Any]:
+        """What can be changed.
+
+        Raises:
+            SystemFault: there is no sound answer.
+        """
+        return self._checked_by(
+            "adaptation_options_schema", "GET /adaptation_options", self.get("/adaptation_options")
+        )
+
+    def execute(self, change: Mapping[str, Any]) -> dict[str, Any]:
+        """Change something.
+
+        Raises:
+            SystemFault: there is no sound answer; of kind `rejected` if nothing has been changed.
+        """
+        return self._checked_by("execute_schema", "PUT /execute", self._json("PUT", "/execute", change))
+
+    def schema(self, name: str) -> dict[str, Any]:
+        """A schema that the system serves, asked for once.
+
+        Raises:
+            SystemFault: there is none, or it is no JSON Schema.
+        """
+        schema = self._validator(name).schema
+        assert isinstance(schema, dict)
+        return schema
+
+    def _validator(self, name: str) -> Draft202012Validator:
+        if name not in self._validators:
+            schema = self.get(f"/{name}")
+            if not isinstance(schema, dict):
+                raise self._fault("malformed", f"GET /{name}", f"a schema is an object, not {_shown(schema)}")
+            try:
+                Draft202012Validator.check_schema(schema)
+            except SchemaError as error:
+                raise self._fault("malformed", f"GET /{name}", f"no JSON Schema: {error.message}") from error
+            # A registry of its own: by default a validator fetches what a schema refers to.
+            self._validators[name] = Draft202012Validator(schema, registry=Registry())
+        return self._validators[name]
+
+    def _checked_by(self, schema: str, request: str, content: Any) -> dict[str, Any]:
+        if not isinstance(content, dict):
+            raise self._fault("malformed", request, f"expected an object, got {_shown(content)}")
+        validator = self._validator(schema)
+        try:
+            error = next(iter(validator.iter_errors(content)), None)
+        except (Unresolvable, RecursionError) as unusable:
+            raise self._fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
+        if error is not None:
+            place = "".join(f" at {key!r}" for key in error.path)
+            raise self._fault(
+                "malformed", request, f"not as {schema} says{place}: {error.message[:MAX_SHOWN]}"
+            )
+        return content
+
+    def _json(self, method: str, endpoint: str, content: Any) -> Any:
+        if self._closed:
+            raise InputError(f"the client of {self.url} is closed")
+        request = f"{method} {endpoint}"
+        status, body = self._thread.run(self._answer(method, endpoint, content))
+        if not HTTPStatus(200) <= status < HTTPStatus(300):
+            raise self._fault(_kind_of_status(status), request, f"status {status}: {_message(body)}")
+        try:
+            return json.loads(body, parse_constant=_no_number)
+        except (ValueError, RecursionError) as error:
+            raise self._fault("malformed", request, f"no JSON but {_shown(body)}") from error
+
+    async def _answer(self, method: str, endpoint: str, content: Any) -> tuple[int, bytes]:
+        request = f"{method} {endpoint}"
+        try:
+            async with (
+                asyncio.timeout(self._timeout),
+                self._client.stream(method, endpoint, json=content) as response,
+            ):
+                return response.status_code, await self._whole(request, response)
+        except TimeoutError as error:
+            raise self._fault("timeout", request, f"no whole answer within {self._timeout:g} s") from error
+        except httpx.HTTPError as error:
+            raise self._fault(_kind(error), request, str(error) or type(error).__name__) from error
+
+    async def _whole(self, request: str, response: httpx.Response) -> bytes:
+        received = bytearray()
+        async for part in response.aiter_bytes():
+            received += part
+            if len(received) > MAX_ANSWER:
+                raise self._fault("malformed", request, f"an answer of more than {MAX_ANSWER} bytes")
+        return bytes(received)
+
+    def _fault(self, kind: FaultKind, request: str, message: str) -> SystemFault:
+        return SystemFault(kind, f"{self.url}: {request}: {message}", repeatable=kind != "rejected")
+
+
+def _checked(url: str) -> httpx.URL:
+    try:
+        parsed = httpx.URL(url)
+    except httpx.InvalidURL as error:
+        raise InputError(f"{url!r} is no URL: {error}") from error
+    if parsed.scheme not in {"http", "https"} or not parsed.host or (parsed.port or 0) > MAX_PORT:
+        raise InputError(f"{url!r} is no URL of HTTP, as http://localhost:3000 is one")
+    return parsed
+
+
+def _kind(error: httpx.HTTPError) -> FaultKind:
+    # One class of httpx stands for a broken protocol and for a connection that was closed too early.
+    if isinstance(error, httpx.RemoteProtocolError) and "without sending" in str(error):
+        return "dropped"
+    return next(kind for raised, kind in _KINDS if isinstance(error, raised))
+
+
+def _kind_of_status(status: int) -> FaultKind:
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        return "failed"
+    return "rejected" if status >= HTTPStatus.BAD_REQUEST else "malformed"
+
+
+def _message(body: bytes) -> str:
+    """The server's own word, if it has the form that ours has."""
+    try:
+        content = json.loads(body)
+    except (ValueError, RecursionError):
+        return _shown(body)
+    error = content.get("error") if isinstance(content, dict) else None
+    return error if isinstance(error, str) else _shown(body)
+
+
+def _no_number(text: str) -> object:
+    raise ValueError(f"{text} is no JSON")
+
+
+def _shown(content: Any) -> str:
+    text = repr(content)
+    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + " ..."

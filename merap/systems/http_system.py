@@ -1,0 +1,151 @@
+"""A managed system behind HTTP, seen as any other.
+
+Axes: A declared actions, V state variables.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from merap.closing import Closing
+from merap.errors import InputError
+from merap.systems.dialect import Dialect, Seen
+from merap.systems.faults import SystemFault
+from merap.systems.http_client import UpisasClient
+from merap.systems.interface import Observation
+
+log = logging.getLogger(__name__)
+
+
+class HttpSystem(Closing):
+    """A system behind HTTP; to be closed, or used in a `with` statement.
+
+    A call that ended in a repeatable fault may be made again. Where the system counts its steps it
+    never acts twice; where it does not, a request is not sent again once it has been answered, and a fault
+    is not repeatable where the system may have acted without an answer.
+
+    Args:
+        client: of its endpoints.
+        dialect: what its JSON means.
+    """
+
+    def __init__(self, client: UpisasClient, dialect: Dialect) -> None:
+        self._client = client
+        self._dialect = dialect
+        self._last: Seen | None = None
+        self._answered: int | _Nothing | None = NOTHING
+
+    def close(self) -> None:
+        """Hang up."""
+        self._client.close()
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """A names."""
+        return self._dialect.actions
+
+    def reset(self) -> Observation:
+        """Begin an episode.
+
+        Raises:
+            SystemFault: the system can't be reached or does not behave.
+        """
+        if self._last is None:
+            # Only a request that carries counters can be repeated safely.
+            self._last = self._monitor()
+        self._execute(None)
+        seen = self._monitor()
+        if seen.step not in {None, 0}:
+            raise self._missed(f"after a reset it is at step {seen.step} already")
+        self._settle(seen)
+        return seen.observation
+
+    def step(self, action: int) -> Observation:
+        """Take an action; `taken` of the observation tells if the system has taken another one.
+
+        Raises:
+            InputError: there is no such action, or no episode has begun.
+            SystemFault: the system can't be reached or does not behave; `rejected`: the action is not
+                enabled or the episode over, nothing has happened.
+        """
+        if self._last is None:
+            raise InputError("the episode has not begun; reset the system first")
+        if not 0 <= action < len(self.actions):
+            raise InputError(f"there is no action {action}, only 0 to {len(self.actions) - 1}")
+        refusal = self._execute(action)
+        seen = self._monitor()
+        self._require_next(seen, refusal)
+        self._settle(seen)
+        taken = None if seen.action in {None, action} else seen.action
+        return replace(seen.observation, taken=taken)
+
+    def _execute(self, action: int | None) -> SystemFault | None:
+        """Sends a change unless it is known to have arrived; returns why it was refused."""
+        if self._answered == action:
+            return None
+        change = self._dialect.change(action, self._last)
+        if change is None:
+            return None
+        try:
+            self._client.execute(change)
+        except SystemFault as fault:
+            if fault.kind == "rejected":
+                return self._refused(action, fault)
+            counted = self._last is not None and self._last.step is not None
+            if counted or fault.kind == "refused":
+                raise
+            raise SystemFault(fault.kind, fault.message, repeatable=False) from fault
+        self._answered = action
+        return None
+
+    def _refused(self, action: int | None, fault: SystemFault) -> SystemFault:
+        """A refusal is final, unless the system has gone on since: what it has done is then to be seen."""
+        if action is None:
+            self._last = None
+            raise fault
+        if self._last is None or self._last.step is None:
+            raise fault
+        return fault
+
+    def _require_next(self, seen: Seen, refusal: SystemFault | None) -> None:
+        """The step that was seen is the one after the last."""
+        last = self._last
+        assert last is not None
+        if last.step is None or seen.step is None:
+            return
+        if refusal is not None and (seen.episode, seen.step) == (last.episode, last.step):
+            raise refusal
+        if (seen.episode, seen.step) != (last.episode, last.step + 1):
+            raise self._missed(
+                f"expected step {last.step + 1} of episode {last.episode}, it is at step {seen.step} of "
+                f"episode {seen.episode}: it has gone on by itself, or has another manager too"
+            )
+        if refusal is not None:
+            log.warning("%s; it has gone on by %s", refusal, self._name(seen.action))
+
+    def _missed(self, message: str) -> SystemFault:
+        """Only a reset can go on from here."""
+        self._last, self._answered = None, NOTHING
+        return SystemFault("missed", f"{self._client.url}: {message}", repeatable=False)
+
+    def _name(self, action: int | None) -> str:
+        return "an unknown action" if action is None else self.actions[action]
+
+    def _settle(self, seen: Seen) -> None:
+        self._last = seen
+        self._answered = NOTHING
+
+    def _monitor(self) -> Seen:
+        monitored = self._client.monitor()
+        try:
+            return self._dialect.read(monitored)
+        except (ValueError, KeyError, TypeError) as error:
+            raise SystemFault("malformed", f"{self._client.url}: GET /monitor: {error}") from error
+
+
+class _Nothing:
+    """No change is under way; None would be a reset."""
+
+
+NOTHING = _Nothing()

@@ -1,0 +1,74 @@
+"""A managed system with the actions and variables of another, in the order of a manager.
+
+Axes: A actions, V state variables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from merap.errors import InputError
+from merap.mdp.canonical import ABSORBING_VALUE
+from merap.systems.interface import ManagedSystem, Observation
+
+
+class RenumberedSystem:
+    """Numbers actions and variables as its manager does.
+
+    Args:
+        system: what is managed.
+        shown: names of its variables, in the order of its valuations.
+        actions: A names, in the order of the manager.
+        variables: V names, in the order of the manager.
+        constant: of these, a variable that the system need not have: it is 0 until the task is complete.
+
+    Raises:
+        InputError: the system has other actions or variables.
+    """
+
+    def __init__(
+        self,
+        system: ManagedSystem,
+        shown: Sequence[str],
+        *,
+        actions: Sequence[str],
+        variables: Sequence[str],
+        constant: str,
+    ) -> None:
+        known = [name for name in variables if name != constant or constant in shown]
+        for kind, wanted, found in (("actions", actions, system.actions), ("variables", known, shown)):
+            if sorted(wanted) != sorted(found):
+                raise InputError(f"it has the {kind} {', '.join(found)}; expected {', '.join(wanted)}")
+        self._system = system
+        self._actions = tuple(actions)
+        self._theirs = np.array([system.actions.index(name) for name in actions])
+        self._columns = np.array([shown.index(name) if name in shown else -1 for name in variables])
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """A names."""
+        return self._actions
+
+    def reset(self) -> Observation:
+        """Begin an episode."""
+        return self._renumbered(self._system.reset())
+
+    def step(self, action: int) -> Observation:
+        """Take an action."""
+        if not 0 <= action < len(self._actions):
+            raise InputError(f"there is no action {action}, only 0 to {len(self._actions) - 1}")
+        return self._renumbered(self._system.step(int(self._theirs[action])))
+
+    def _renumbered(self, observation: Observation) -> Observation:
+        missing = ABSORBING_VALUE if observation.continuation == 0 else 0
+        values = np.append(observation.valuation, missing)
+        taken = observation.taken
+        return replace(
+            observation,
+            valuation=values[self._columns],
+            enabled=observation.enabled[self._theirs],
+            taken=None if taken is None else int(np.flatnonzero(self._theirs == taken)[0]),
+        )

@@ -1,0 +1,105 @@
+"""What adapts: the interface that all strategies share.
+
+A strategy sees the system through what `ManagedSystem.reset` and `step` return, and nothing else.
+
+Axes: T steps of an episode, S states of the canonical index (the completed state is the last),
+A declared actions, V state variables.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from merap.errors import InputError
+from merap.mdp.model import Bools, Floats, Ints
+from merap.systems.interface import Observation
+
+
+class Strategy(Protocol):
+    """Acts, learns from what it sees, and says what it would do if it learned no more.
+
+    The order of calls: `begin`, then `act` and `observe` until the episode is over, with another `begin`
+    after each gap in what is seen, and `update` after every `episodes_per_update` episodes.
+    """
+
+    @property
+    def episodes_per_update(self) -> int:
+        """How many real episodes a policy update takes."""
+
+    def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
+        """An episode begins, is first seen, or goes on after steps that were not seen.
+
+        Args:
+            observation: where the system is.
+            time: so many steps of the episode are over.
+            resumed: it is the episode that was told of last.
+        """
+
+    def act(self, allowed: Bools) -> int:
+        """The next action, exploration included.
+
+        Args:
+            allowed: bool [A], not empty: the enabled actions, or what a shield leaves of them.
+        """
+
+    def observe(self, action: int, observation: Observation) -> None:
+        """What a step has led to; `observation.last` if the episode is over."""
+
+    def update(self) -> None:
+        """Change the policy by what has been seen."""
+
+    def policy(self) -> Floats:
+        """float64 [S, A] or, by time, [T, S, A]: what would act if learning stopped now.
+
+        A distribution in every state that isn't complete. Where it favours actions that turn out
+        to be disabled, the others count in proportion to their probabilities.
+        """
+
+    def explain(self) -> tuple[str, ...]:
+        """Plain lines: what the last update has concluded, and why the policy is what it is."""
+
+
+@runtime_checkable
+class Revisable(Protocol):
+    """A strategy that remembers what it has seen of the domain, beside the policy."""
+
+    def revise(self) -> None:
+        """The domain has changed: doubt what was seen of it, and keep what the policy has become."""
+
+
+class StateIndex:
+    """The canonical number of an observed state.
+
+    Args:
+        valuations: int64 [S, V], the canonical index; the completed state is the last.
+    """
+
+    def __init__(self, valuations: Ints) -> None:
+        self._number = {tuple(row): number for number, row in enumerate(valuations.tolist())}
+        self._completed = len(valuations) - 1
+
+    def __call__(self, observation: Observation) -> int:
+        """The state's number.
+
+        Raises:
+            InputError: the case has no such state.
+        """
+        if observation.continuation == 0:
+            return self._completed
+        values = tuple(observation.valuation.tolist())
+        number = self._number.get(values)
+        if number is None:
+            raise InputError(f"the observed state {values} is none of the case's {self._completed}")
+        return number
+
+
+def best_allowed(ranked: Floats, allowed: Bools) -> int:
+    """The best of the allowed actions.
+
+    Args:
+        ranked: float64 [A], what each action is worth.
+        allowed: bool [A], not empty.
+    """
+    return int(np.where(allowed, ranked, -np.inf).argmax())

@@ -1,0 +1,239 @@
+"""What learning costs and what it is worth: scripts.bench learning, growth."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import resource
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from merap.concerns.case_study import load_case
+from merap.families.build import build_base
+from merap.learning.config import TrainingConfig
+from merap.learning.exact import exact_problem, expected_return
+from merap.learning.gradient_step import behaviour, sampled_step
+from merap.learning.meta import MetaPolicy, step_rule
+from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
+from merap.learning.rollout import rollout, sampler
+from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.training import initial_state, meta_policy, policy_network, train, updates
+from scripts.bench import baseline_maml
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the growth (PNG, SVG, ...).")]
+
+FOR_EVER = 1_000_000_000
+SIDES = (10, 32, 100, 316)
+GROWTH_TASKS, GROWTH_HORIZON = 4, 18
+Figures = dict[str, float]
+
+
+def learning(
+    json_file: Json = None,
+    rounds: Annotated[int, typer.Option(help="Updates of the baseline.")] = 30,
+    training_seeds: Annotated[int, typer.Option(help="Trainings for the comparison of quality.")] = 5,
+) -> None:
+    """Updates against a baseline on SyncVectorEnv, side by side, and time to equal adaptation quality."""
+    base = build_base(load_case(baseline_maml.CASE))
+    tasks = task_batch(base.models, base.horizon, base.discount)
+    world = baseline_maml.make_world(base.models, base.horizon, baseline_maml.Settings().episodes)
+    figures = _speed(world, tasks, rounds) | _quality(world, tasks, rounds, training_seeds)
+    report(f"learning on {base.case}", figures, json_file)
+
+
+def _speed(world: baseline_maml.World, tasks: TaskBatch, rounds: int) -> Figures:
+    """Medians of updates that take turns."""
+    settings, generator = baseline_maml.Settings(), torch.Generator().manual_seed(0)
+    theta = baseline_maml.initial_policy(world, generator)
+    exact = _endless(tasks, TrainingConfig(updates=FOR_EVER))
+    sampled = _endless(tasks, TrainingConfig(estimator="sampled", updates=FOR_EVER))
+    seconds: dict[str, list[float]] = {"baseline": [], "exact": [], "sampled": []}
+    rates = []
+    for update in range(rounds + 1):
+        theta, times, _ = baseline_maml.baseline_update(world, theta, settings, generator)
+        turns = [("sampled", next(sampled)) for _ in range(5)] + [("exact", next(exact)) for _ in range(20)]
+        if update:  # the first of each compiles, allocates and imports
+            seconds["baseline"].append(times.total)
+            rates.append(times.steps_per_second)
+            for name, took in turns:
+                seconds[name].append(took)
+    medians = {f"{name}_update_seconds": statistics.median(row) for name, row in seconds.items()}
+    return {
+        **medians,
+        "baseline_steps_per_second": statistics.median(rates),
+        "sampled_times_faster": medians["baseline_update_seconds"] / medians["sampled_update_seconds"],
+        "exact_times_faster": medians["baseline_update_seconds"] / medians["exact_update_seconds"],
+    }
+
+
+def _endless(tasks: TaskBatch, config: TrainingConfig) -> Iterator[float]:
+    """Seconds of one update after the other."""
+    state = initial_state(policy_network(tasks, config), config)
+    return (metrics.seconds for metrics in updates(tasks, config, state))
+
+
+def _quality(world: baseline_maml.World, tasks: TaskBatch, rounds: int, seeds: int) -> Figures:
+    """Seconds until a policy adapts as well as that of the baseline after its updates, in one process.
+
+    Adaptation quality is the mean expected undiscounted return over all tasks after three plain gradient
+    steps of 35 episodes, the same for every learner.
+    """
+    generator = torch.Generator().manual_seed(1)
+    theta, spent = baseline_maml.initial_policy(world, generator), 0.0
+    for _ in range(max(rounds, 80)):
+        theta, times, _ = baseline_maml.baseline_update(world, theta, baseline_maml.Settings(), generator)
+        spent += times.total
+    goal = _adapted_return(_plain(tasks, theta), tasks)
+    reached = [_seconds_to(goal, tasks, seed, "exact") for seed in range(seeds)]
+    sampled = [_seconds_to(goal, tasks, seed, "sampled") for seed in range(seeds)]
+    silent = [
+        _adapted_return(train(tasks, TrainingConfig(seed=seed, sampling_noise=noise)), tasks)
+        for noise in (True, False)
+        for seed in range(seeds)
+    ]
+    return {
+        "quality_of_baseline": goal,
+        "baseline_seconds_to_quality": spent,
+        "exact_seconds_to_quality": statistics.median(reached),
+        "sampled_seconds_to_quality": statistics.median(sampled),
+        "quality_of_exact": statistics.mean(silent[:seeds]),
+        "quality_of_exact_without_sampling_noise": statistics.mean(silent[seeds:]),
+    }
+
+
+def _seconds_to(goal: float, tasks: TaskBatch, seed: int, estimator: str) -> float:
+    """Training time alone until the policy adapts at least that well; infinite if it never does."""
+    config = TrainingConfig.model_validate({"seed": seed, "estimator": estimator, "updates": 200})
+    state, spent = initial_state(policy_network(tasks, config), config), 0.0
+    for metrics in updates(tasks, config, state):
+        spent += metrics.seconds
+        if metrics.update % 10 == 0 and _adapted_return(meta_policy(tasks, config, state), tasks) >= goal:
+            return spent
+    return float("inf")
+
+
+def _plain(tasks: TaskBatch, theta: Parameters) -> MetaPolicy:
+    """The baseline's policy with its own step size and rule."""
+    config = TrainingConfig(estimator="sampled")
+    network = PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation)
+    sizes = {name: torch.full((1,) * value.dim(), config.step_size) for name, value in theta.items()}
+    parameters = {name: value.detach() for name, value in theta.items()}
+    return MetaPolicy(network, parameters, sizes, torch.tensor(1.0), step_rule(config, tasks.discount))
+
+
+def _adapted_return(meta: MetaPolicy, tasks: TaskBatch) -> float:
+    """Mean over all tasks and 5 seeds."""
+    layout, problem = sampler(tasks), exact_problem(tasks, 1.0)
+    returns = []
+    for seed in range(5):
+        generator = torch.Generator().manual_seed(1_000 + seed)
+        parameters = stack_parameters(meta.parameters, tasks.num_tasks)
+        for _ in range(3):
+            acting = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
+            episodes = rollout(acting, layout, 35, generator)
+            parameters = sampled_step(
+                meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
+            ).parameters
+        table = policy_table(meta.network, parameters, tasks.enabled)
+        returns.append(expected_return(table, problem).mean().item())
+    return statistics.mean(returns)
+
+
+def growth(json_file: Json = None, plot: Plot = None, repeats: int = 5) -> None:
+    """An exact update on grids of 10^2 to 10^5 states, all of them start states; memory at the largest."""
+    seconds, branches = [], []
+    for side in SIDES:
+        tasks = _grid(side, GROWTH_TASKS)
+        branches.append(tasks.num_states * tasks.num_actions)
+        seconds.append(_update_seconds(tasks, repeats))
+    slopes = np.diff(np.log(seconds)) / np.diff(np.log(branches))
+    figures = {f"seconds_{count}_branches": took for count, took in zip(branches, seconds, strict=True)}
+    figures["slope_last_decade"] = float(slopes[-1])
+    figures["gigabytes_16_tasks"] = _gigabytes()
+    report("growth of an exact update", figures, json_file)
+    if plot is not None:
+        _draw(branches, seconds, plot)
+
+
+def _update_seconds(tasks: TaskBatch, repeats: int) -> float:
+    config = TrainingConfig(updates=FOR_EVER, tasks_per_update=tasks.num_tasks)
+    state = initial_state(policy_network(tasks, config), config)
+    rows = updates(tasks, config, state)
+    next(rows)
+    return statistics.median(next(rows).seconds for _ in range(repeats))
+
+
+def _grid(side: int, num_tasks: int) -> TaskBatch:
+    """Square grids with five actions and a goal each, and one completed state."""
+    cells = np.arange(side * side)
+    row, col = cells // side, cells % side
+    moves = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
+    target = np.full((side * side + 1, 5), side * side)
+    for action, (down, right) in enumerate(moves):
+        target[:-1, action] = np.clip(row + down, 0, side - 1) * side + np.clip(col + right, 0, side - 1)
+    states = side * side + 1
+    next_state = torch.from_numpy(target).expand(num_tasks, states, 5)[..., None].clone()
+    goals = torch.linspace(side * side // 2, side * side - 1, num_tasks).long()
+    reward = torch.full((num_tasks, states, 5, 1), -0.5)
+    continuation = torch.ones_like(reward)
+    for number, goal in enumerate(goals.tolist()):
+        next_state[number, goal], continuation[number, goal] = side * side, 0.0
+        reward[number, goal, 0] = 10.0
+    enabled = torch.ones(num_tasks, states, 5, dtype=torch.bool)
+    enabled[:, -1] = False
+    initial = torch.full((num_tasks, states), 1 / (states - 1))
+    initial[:, -1] = 0.0
+    prob = enabled[..., None].float()
+    return TaskBatch(next_state, prob, reward, continuation, enabled, initial, GROWTH_HORIZON, 0.95)
+
+
+def _gigabytes() -> float:
+    """Peak memory of a process of its own that makes two updates of 16 tasks with 10^5 states."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_peak)
+
+
+def _peak() -> float:
+    _update_seconds(_grid(SIDES[-1], 16), 1)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+def _draw(branches: list[int], seconds: list[float], path: Path) -> None:
+    figure, axes = plt.subplots(figsize=(5, 3.5), layout="constrained")
+    axes.loglog(branches, seconds, "o-", label="measured")
+    axes.loglog(branches, [seconds[-1] * count / branches[-1] for count in branches], "--", label="linear")
+    axes.set(xlabel="branches of a task", ylabel="seconds of an exact update")
+    axes.set_title(f"{GROWTH_TASKS} tasks, {GROWTH_HORIZON} steps")
+    axes.legend(frameon=False)
+    figure.savefig(path)
+
+
+def median(run: Callable[[], object], repeats: int) -> float:
+    """Seconds."""
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - begin)
+    return statistics.median(seconds)
+
+
+def report(title: str, figures: Figures, json_file: Path | None) -> None:
+    """A table, and the figures by name."""
+    table = Table("figure", "value", title=title)
+    for name, value in figures.items():
+        table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else f"{value:,}")
+    Console().print(table)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=2) + "\n")

@@ -1,0 +1,86 @@
+"""Rewards: the first rule that matches a step pays (rule 4 of the composition)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from merap.concerns.combination import Combination, Condition, RewardRule
+from merap.concerns.steps import holds_in_states
+from merap.concerns.synthesis import attach, least_reward, synthesise, synthesise_pair
+from tests.support.hand_made import graph_combination, number, parsed, with_objective
+from tests.support.mdp_lookup import reward
+
+IDLE, SCANNING, SCANNED = 0, 1, 2
+S, A, B, G = 0, 1, 2, 3
+
+
+def test_the_first_rule_that_matches_pays() -> None:
+    mdp = synthesise(graph_combination())
+    assert reward(mdp, (G, SCANNED, 0), "stop") == 20
+    # a step to G where it is lighter: light / 4 of the source (0 at B), else the rule for the dark idle B: -3
+    assert reward(mdp, (B, IDLE, 0), "go") == pytest.approx(0.6 * 0 + 0.4 * -3)
+    assert reward(mdp, (B, SCANNED, 0), "go") == pytest.approx(0.6 * 0 + 0.4 * -1)
+    # into scanned 0.3, else -1
+    assert reward(mdp, (S, SCANNING, 0), "measure") == pytest.approx(0.9 * 0.3 + 0.1 * -1)
+    assert reward(mdp, (S, IDLE, 0), "stop") == -1
+
+
+def test_no_rule_earns_nothing() -> None:
+    mdp = synthesise(with_objective(graph_combination(), rules=()))
+    assert not mdp.choice_reward.any()
+    assert mdp.branch_reward is not None
+    assert not mdp.branch_reward.any()
+
+
+def test_a_rule_that_names_what_the_capability_lacks_never_matches() -> None:
+    rules = (
+        RewardRule(Condition(actions=frozenset({"fly"})), number(100)),
+        RewardRule(Condition(), number(1)),
+    )
+    mdp = synthesise(with_objective(graph_combination(), rules=rules))
+    assert set(mdp.choice_reward.tolist()) == {0.0, 1.0}
+
+
+def test_a_value_is_computed_only_where_its_rule_matches() -> None:
+    # light is 0 at B
+    rules = (
+        RewardRule(Condition(where=parsed("light > 0")), parsed("1 / light")),
+        RewardRule(
+            Condition(at=np.array([True, True, False, True]), where=parsed("1 / light > 1")), number(9)
+        ),
+    )
+    mdp = synthesise(with_objective(graph_combination(), rules=rules))
+    assert reward(mdp, (S, IDLE, 0), "stop") == pytest.approx(1 / 3)
+    assert reward(mdp, (B, IDLE, 0), "stop") == 0
+
+
+def least_on_branches(combination: Combination) -> float:
+    mdp = attach(synthesise_pair(combination), combination)
+    assert mdp.branch_reward is not None
+    return float(mdp.branch_reward.min())
+
+
+def test_least_reward_counts_what_steps_really_bring() -> None:
+    graph = graph_combination()
+    assert least_reward(graph) == -3
+    assert least_reward(with_objective(graph, rules=())) == 0
+    assert least_reward(with_objective(graph, rules=(RewardRule(Condition(), number(5)),))) == 0
+    # light falls by at most 2 along an edge: from A (2) to B (0)
+    falling = with_objective(graph, rules=(RewardRule(Condition(), parsed("light' - light")),), ends_in=None)
+    assert least_reward(falling) == least_on_branches(falling) == -3  # S (3) -across-> B (0)
+
+
+def test_conditions_on_states_read_location_mode_and_attributes() -> None:
+    graph = graph_combination()
+    condition = Condition(
+        at=np.array([True, True, True, False]),
+        modes=np.array([True, True, False]),
+        where=parsed("light + mode > 2"),
+    )
+    # light is 3, 2, 0 at S, A, B: S always, A when scanning
+    assert np.flatnonzero(holds_in_states(graph, condition)).tolist() == [
+        3 * S + IDLE,
+        3 * S + SCANNING,
+        3 * A + SCANNING,
+    ]

@@ -1,0 +1,165 @@
+"""Paths through the locations: shortest paths worked out by hand, on both forms of a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome
+from merap.concerns.synthesis import synthesise
+from merap.errors import ModelError
+from merap.families.build import canonical
+from merap.mdp.evaluation import as_policy
+from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import backward_induction, value_iteration
+from merap.report.geometry import offset_line
+from merap.report.path import RoutePath, most_likely_path, sampled_path
+from tests.support.hand_made import cells, graph_combination, grid_combination, number
+
+# A 3 x 3 world with walls that leave one way from the top left corner to the goal:
+#   S # G
+#   . # .
+#   . . .
+ONE_WAY = grid_combination(size=3, goal=(0, 2), blocked=cells((0, 1), (1, 1), size=3))
+WAY = "r0c0 -down-> r1c0 -down-> r2c0 -right-> r2c1 -right-> r2c2 -up-> r1c2 -up-> r0c2 (stop)"
+
+
+def model(combination: Combination, form: str) -> TabularMDP:
+    whole = synthesise(combination)
+    return canonical(combination, whole) if form == "canonical" else whole
+
+
+def best_policy(mdp: TabularMDP, combination: Combination) -> Floats:
+    return as_policy(mdp, value_iteration(mdp, combination.discount).actions)
+
+
+def always(mdp: TabularMDP, *actions: str) -> Floats:
+    """In every state the first of these actions that is enabled there."""
+    order = [mdp.action_names.index(action) for action in (*actions, "end")]
+    first = mdp.enabled[:, order].argmax(axis=1)
+    return as_policy(mdp, np.array(order)[first])
+
+
+@pytest.mark.parametrize("form", ["whole", "canonical"])
+def test_the_best_policy_takes_the_only_way(form: str) -> None:
+    mdp = model(ONE_WAY, form)
+    path = most_likely_path(mdp, ONE_WAY, best_policy(mdp, ONE_WAY), horizon=10)
+    assert path.text == WAY
+    assert path.locations == (0, 3, 6, 7, 8, 5, 2, 2)
+    assert path.actions == ("down", "down", "right", "right", "up", "up", "stop")
+    assert path.modes == ("ready",) * 8
+    assert path.completed
+
+
+def test_a_time_indexed_policy_takes_the_shortest_way() -> None:
+    mdp = model(grid_combination(), "canonical")
+    plan = backward_induction(mdp, 18)
+    path = most_likely_path(mdp, grid_combination(), as_policy(mdp, plan.actions), 18)
+    # From (0, 0) to (4, 4) in 8 moves, then stop: 10 - 0.5 * 8 = 6.
+    assert len(path.actions) == 9
+    assert path.completed
+    assert plan.value == pytest.approx(10 - 0.5 * (len(path.actions) - 1))
+
+
+@pytest.mark.parametrize("form", ["whole", "canonical"])
+def test_a_step_that_ends_by_moving_shows_where_it_ends(form: str) -> None:
+    # The task ends in the goal itself, which the canonical index folds away.
+    objective = replace(ONE_WAY.objective, ends_after=None, ends_in=Condition(at=ONE_WAY.objective.goal))
+    combination = replace(ONE_WAY, objective=objective)
+    mdp = model(combination, form)
+    path = most_likely_path(mdp, combination, always_along_the_way(mdp), horizon=10)
+    assert path.names[-2:] == ("r1c2", "r0c2")
+    assert path.text == WAY.replace("(stop)", "(done)")
+
+
+def always_along_the_way(mdp: TabularMDP) -> Floats:
+    """Down in the left column, right in the bottom row, up in the right column."""
+    row, column = mdp.valuations[:, 0], mdp.valuations[:, 1]
+    names = np.select([column == 2, row == 2, column == 0], ["up", "right", "down"], "end")
+    done = mdp.labels["done"]
+    names = np.where(done, "end", names)
+    return as_policy(mdp, np.array([mdp.action_names.index(name) for name in names]))
+
+
+@pytest.mark.parametrize("form", ["whole", "canonical"])
+def test_innate_actions_stay_and_may_complete(form: str) -> None:
+    # The likelier start is A; the task is complete there once the mode is `scanned`.
+    combination = graph_combination()
+    mdp = model(combination, form)
+    path = most_likely_path(mdp, combination, always(mdp, "measure", "start_scan"), horizon=5)
+    assert path.text == "A [start_scan] (measure)"
+    assert path.modes == ("idle", "scanning", "scanned")
+
+
+def test_what_usually_fails_is_tried_again() -> None:
+    rarely = tuple(
+        ExternalAction(
+            a.name, (replace(a.outcomes[0], probability=number("0.3")), Outcome(None, number("0.7"))), "stay"
+        )
+        for a in ONE_WAY.capability.external[1:]
+    )
+    capability = replace(ONE_WAY.capability, external=(ONE_WAY.capability.external[0], *rarely))
+    combination = replace(ONE_WAY, capability=capability)
+    mdp = model(combination, "canonical")
+    assert most_likely_path(mdp, combination, best_policy(mdp, combination), 10).text == WAY
+
+
+def test_a_loop_is_left_and_named() -> None:
+    mdp = model(ONE_WAY, "canonical")
+    stuck = most_likely_path(mdp, ONE_WAY, always(mdp, "up"), horizon=10)
+    assert stuck.text == "r0c0 [up] (loop)"
+    assert not stuck.completed
+    to_and_fro = np.zeros((mdp.num_states, mdp.num_actions))
+    to_and_fro[:, mdp.action_names.index("down")] = mdp.valuations[:, 0] == 0
+    to_and_fro[:, mdp.action_names.index("up")] = mdp.valuations[:, 0] == 1
+    assert most_likely_path(mdp, ONE_WAY, to_and_fro, 10).text == "r0c0 -down-> r1c0 -up-> r0c0 (loop)"
+
+
+def test_the_horizon_ends_a_path() -> None:
+    mdp = model(ONE_WAY, "canonical")
+    path = most_likely_path(mdp, ONE_WAY, best_policy(mdp, ONE_WAY), horizon=2)
+    assert path.text == "r0c0 -down-> r1c0 -down-> r2c0 (not completed)"
+    assert (len(path.actions), path.ending) == (2, "open")
+
+
+def test_disabled_actions_are_never_taken() -> None:
+    # `back` leads nowhere from S and is disabled there, whatever the policy says.
+    combination = graph_combination()
+    at_s = replace(combination.objective, start=np.array([1.0, 0, 0, 0]))
+    combination = replace(combination, objective=at_s)
+    mdp = model(combination, "canonical")
+    policy = np.full((mdp.num_states, mdp.num_actions), 0.01)
+    policy[:, mdp.action_names.index("back")] = 0.9
+    policy[:, mdp.action_names.index("go")] = 0.05
+    path = most_likely_path(mdp, combination, policy, horizon=10)
+    assert path.text == "S -go-> A -back-> S (loop)"
+
+
+def test_a_recorded_path_counts_what_was_repeated() -> None:
+    steps = [(0, "down"), (3, "left"), (3, "left"), (3, "left"), (3, "up"), (0, "up")]
+    path = sampled_path(ONE_WAY, steps, 0, completed=False, label="before")
+    assert path.text == "r0c0 -down-> r1c0 [left x3] -up-> r0c0 [up] (not completed)"
+    assert path.label == "before"
+
+
+def test_a_task_complete_at_once_has_no_step() -> None:
+    assert RoutePath((0,), ("S",), (), ("idle",), "completed").text == "S (done)"
+
+
+def test_a_policy_of_another_shape_is_refused() -> None:
+    mdp = model(ONE_WAY, "canonical")
+    with pytest.raises(ModelError, match=r"shape \(9, 6\), not \(10, 6\)"):
+        most_likely_path(mdp, ONE_WAY, np.ones((9, 6)), 10)
+    with pytest.raises(ModelError, match=r"shape \(4, 10, 6\), not \(5, 10, 6\)"):
+        most_likely_path(mdp, ONE_WAY, np.ones((4, 10, 6)), 5)
+
+
+def test_offset_lines_have_mitres_and_bevels() -> None:
+    # A left turn, moved to the right by 0.1, worked out by hand; then a turn back.
+    corner = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.1)
+    np.testing.assert_allclose(corner[1:4:2], [[0.0, -0.1], [1.1, -0.1]], atol=1e-12)
+    np.testing.assert_allclose(corner[-1], [1.1, 1.0])
+    back = offset_line(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]), 0.1)
+    np.testing.assert_allclose(back[2:4], [[1.0, -0.1], [1.0, 0.1]], atol=1e-12)

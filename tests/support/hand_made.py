@@ -1,0 +1,222 @@
+"""Combinations made by hand, without a case file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from merap.concerns.combination import (
+    Capability,
+    Combination,
+    Condition,
+    Environment,
+    ExternalAction,
+    Innate,
+    InnateAction,
+    Objective,
+    Outcome,
+    RewardRule,
+)
+from merap.concerns.expressions import Constant, Expression, fold, parse
+from merap.concerns.space import Attribute, Space
+from merap.mdp.model import Bools, Ints
+
+SIZE = 9
+SHIFTS = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
+
+
+def cells(*pairs: tuple[int, int], size: int = SIZE) -> Bools:
+    mask = np.zeros(size * size, dtype=np.bool_)
+    mask[[row * size + column for row, column in pairs]] = True
+    return mask
+
+
+def grid_space(shape: tuple[int, int] = (SIZE, SIZE)) -> Space:
+    rows, columns = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
+    target = np.full((len(rows), len(SHIFTS)), -1, dtype=np.int64)
+    for label, (down, right) in enumerate(SHIFTS.values()):
+        row, column = rows + down, columns + right
+        inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+        target[:, label] = np.where(inside, row * shape[1] + column, -1)
+    return Space(
+        locations=tuple(f"r{row}c{column}" for row, column in zip(rows, columns, strict=True)),
+        positions=np.stack([columns, -rows], axis=1).astype(np.float64),
+        moves=tuple(SHIFTS),
+        target=target,
+        shape=shape,
+        attributes=(),
+        detectors=(),
+    )
+
+
+def number(value: float | str) -> Constant:
+    return Constant(Fraction(str(value)))
+
+
+def parsed(text: str, modes: tuple[str, ...] = ()) -> Expression:
+    """An expression with the names of modes replaced by their numbers."""
+    return fold(parse(text), {name: Fraction(index) for index, name in enumerate(modes)})
+
+
+def grid_combination(
+    *,
+    blocked: Bools | None = None,
+    no_entry: Bools | None = None,
+    goal: tuple[int, int] = (4, 4),
+    size: int = SIZE,
+) -> Combination:
+    """The paper's 9 x 9 world."""
+    space = grid_space((size, size))
+    empty = np.zeros(space.num_locations, dtype=np.bool_)
+    start = cells((0, 0), size=size).astype(np.float64)
+    at_goal = cells(goal, size=size)
+    moves = [ExternalAction(name, (Outcome(i, number(1)),), "stay") for i, name in enumerate(SHIFTS)]
+    return Combination(
+        name="e.c.o",
+        space=space,
+        modes=("ready",),
+        actions=("stop", *SHIFTS),
+        environment=Environment(
+            "e", {}, empty if blocked is None else blocked, np.zeros_like(space.target, dtype=np.bool_), ()
+        ),
+        capability=Capability(
+            "c",
+            {},
+            empty if no_entry is None else no_entry,
+            (ExternalAction("stop", (Outcome(None, number(1)),), "stay"), *moves),
+            None,
+        ),
+        objective=Objective(
+            name="o",
+            parameters={},
+            start=start,
+            horizon=2 * size,
+            goal=at_goal,
+            rules=(
+                RewardRule(Condition(at=at_goal, actions=frozenset({"stop"})), number(10)),
+                RewardRule(Condition(), number("-0.5")),
+            ),
+            ends_after=Condition(at=at_goal),
+            ends_in=None,
+            unsafe=None,
+        ),
+        discount=0.95,
+        digest="0" * 64,
+    )
+
+
+def graph_combination() -> Combination:
+    """Four locations in a ring, every feature of the composition once.
+
+    `east` leads 0 -> 1 -> 2 -> 3, `west` back, `across` 0 -> 2. Location 3 is icy; the automaton
+    `scan` has modes idle, scanning, scanned.
+    """
+    target: Ints = np.array([[1, -1, 2], [2, 0, -1], [3, 1, -1], [-1, 2, -1]])
+    ice = Attribute("ice", "bool", 0, 1, np.array([0.0, 0.0, 0.0, 1.0]))
+    light = Attribute("light", "int", 0, 3, np.array([3.0, 2.0, 0.0, 2.0]))
+    space = Space(
+        locations=("S", "A", "B", "G"),
+        positions=np.arange(8, dtype=np.float64).reshape(4, 2),
+        moves=("east", "west", "across"),
+        target=target,
+        shape=None,
+        attributes=(ice, light),
+        detectors=(),
+    )
+    modes = ("idle", "scanning", "scanned")
+
+    def expression(text: str) -> Expression:
+        return parsed(text, modes)
+
+    external = (
+        ExternalAction("stop", (Outcome(None, number(1)),), "stay"),
+        ExternalAction(
+            "go",
+            (
+                Outcome(0, expression("ice' | light = 3 ? 0.6 : 0.9")),
+                Outcome(1, expression("mode = scanned ? 0.05 : 0")),
+                Outcome(None, expression("1 - (ice' | light = 3 ? 0.6 : 0.9) - (mode = scanned ? 0.05 : 0)")),
+            ),
+            "stay",
+        ),
+        ExternalAction("back", (Outcome(1, number(1)),), "disable"),
+        ExternalAction("jump", (Outcome(2, number("0.5")), Outcome(None, number("0.5"))), "disable"),
+    )
+    innate = Innate(
+        name="scan",
+        entry=1,
+        initial=0,
+        terminal=frozenset({0, 2}),
+        restart=True,
+        actions=(InnateAction("measure", {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}),),
+    )
+    at_goal = np.array([False, False, False, True])
+    objective = Objective(
+        name="o",
+        parameters={},
+        start=np.array([0.25, 0.75, 0.0, 0.0]),
+        horizon=12,
+        goal=at_goal,
+        rules=(
+            RewardRule(
+                Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
+                number(20),
+            ),
+            RewardRule(Condition(to=at_goal, where=expression("light' > light")), expression("light / 4")),
+            RewardRule(
+                Condition(to_modes=np.array([False, False, True]), actions=frozenset({"measure"})),
+                number("0.3"),
+            ),
+            RewardRule(Condition(where=expression("light = 0 & mode = idle")), number(-3)),
+            RewardRule(Condition(), number(-1)),
+        ),
+        ends_after=Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
+        ends_in=Condition(at=np.array([False, True, False, False]), modes=np.array([False, False, True])),
+        unsafe=Condition(where=expression("light = 0")),
+    )
+    return Combination(
+        name="e.c.o",
+        space=space,
+        modes=modes,
+        actions=("stop", "go", "back", "jump", "measure", "start_scan"),
+        environment=Environment(
+            "e", {}, np.zeros(4, dtype=np.bool_), np.zeros((4, 3), dtype=np.bool_), (ice, light)
+        ),
+        capability=Capability("c", {}, np.zeros(4, dtype=np.bool_), external, innate),
+        objective=objective,
+        discount=0.9,
+        digest="0" * 64,
+    )
+
+
+def with_environment(combination: Combination, **changes: Any) -> Combination:
+    """The same with another environment."""
+    return replace(combination, environment=replace(combination.environment, **changes))
+
+
+def with_capability(combination: Combination, **changes: Any) -> Combination:
+    """The same with another capability."""
+    return replace(combination, capability=replace(combination.capability, **changes))
+
+
+def with_objective(combination: Combination, **changes: Any) -> Combination:
+    """The same with another objective."""
+    return replace(combination, objective=replace(combination.objective, **changes))
+
+
+HAND_MADE = {
+    "grid": grid_combination(),
+    "obstacles": grid_combination(blocked=cells((1, 2), (3, 2), (4, 1), (6, 1)), no_entry=cells((4, 3))),
+    "graph": graph_combination(),
+    "one start": with_objective(graph_combination(), start=np.array([1.0, 0, 0, 0])),
+    "no end": with_objective(graph_combination(), ends_in=None, ends_after=None),
+    "complete at once": with_objective(graph_combination(), ends_in=Condition()),
+    "no reward": with_objective(graph_combination(), rules=()),
+    "no goal": with_objective(graph_combination(), goal=np.zeros(4, dtype=np.bool_)),
+    "nothing innate": with_capability(graph_combination(), innate=None),
+    "nothing external": with_capability(graph_combination(), external=()),
+    "all blocked": with_environment(graph_combination(), blocked=np.array([False, False, True, True])),
+}
