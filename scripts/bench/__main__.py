@@ -105,7 +105,9 @@ def adaptation(
     for episodes, by_seed in rows.items():
         reached = [[steps for steps in of_seed if steps is not None] for of_seed in by_seed]
         figures[f"steps_mean_{episodes}_episodes"] = statistics.mean(chain.from_iterable(reached))
-        figures[f"steps_worst_training_seed_{episodes}_episodes"] = max(map(statistics.mean, reached))
+        figures[f"steps_worst_training_seed_{episodes}_episodes"] = max(
+            statistics.mean(steps) for steps in reached
+        )
         figures[f"never_{episodes}_episodes"] = sum(of_seed.count(None) for of_seed in by_seed)
     figures["runs"] = training_seeds * seeds
     report(f"adaptation to {study.name}", figures, json_file)
