@@ -28,6 +28,7 @@ def test_another_name_is_not() -> None:
     assert not hasattr(merap, "errorz")
 
 
+@pytest.mark.slow
 def test_looking_at_a_case_waits_for_nothing_slow() -> None:
     slow = ("torch", "matplotlib", "stormpy")
     program = f"import sys, merap; merap.load_case; print([name for name in {slow} if name in sys.modules])"

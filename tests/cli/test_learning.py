@@ -75,6 +75,8 @@ def test_train_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str],
     assert contents(tmp_path) == {}
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
     """Parameters, optimizer, generator and metrics are those of an undisturbed run."""
     undisturbed = trained(tmp_path / "undisturbed", LONG)

@@ -17,6 +17,8 @@ from tests.support.command_line import command, merap, refused
 from tests.support.loop_runs import MOVED
 from tests.support.trained_runs import contents, trained
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
@@ -30,6 +32,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_run_is_killed_and_goes_on_and_writes_report_and_timeline(
     run: RunFolder, scenario: Path, tmp_path: Path
 ) -> None:

@@ -16,6 +16,8 @@ from tests.support.command_line import command, merap
 from tests.support.http_servers import free_port
 from tests.support.trained_runs import trained
 
+pytestmark = pytest.mark.process
+
 RUNNING = Path("models/running-example")
 
 
@@ -40,6 +42,7 @@ def server() -> Iterator[tuple[subprocess.Popen[str], str]]:
     process.communicate()
 
 
+@pytest.mark.slow
 def test_the_loop_manages_a_system_that_is_served(
     server: tuple[subprocess.Popen[str], str], tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return trained(tmp_path_factory.mktemp("runs") / "run", case=HAZARDS)
 
 
+@pytest.mark.slow
 def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFolder, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     options = ("--episodes-per-step", "3", "--steps", "1", "--seeds", "0:2")
@@ -44,6 +45,7 @@ def test_a_prior_without_a_shield_is_refused(run: RunFolder) -> None:
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_a_task_that_is_hopeless_within_the_threshold_is_called_so(run: RunFolder) -> None:
     """At `island` every way to the goal risks 0.1: at 0 a robot stays away, -1 in each of 40 steps."""
     arguments = ["adapt", run.path, "--system", "island", "--strategy", "oracle", "--steps", "1", "--shield"]

@@ -26,6 +26,8 @@ from merap.knowledge.rows import DecisionRow, ObservationRow
 from tests.support import knowledge_writer
 from tests.support.paths import ROOT
 
+pytestmark = pytest.mark.process
+
 KILLS = 10
 STEP = ObservationRow(0, 1, (7, 0, 0), 1, -0.5, 1.0, False)
 BRIEF = Patience(limit=0.3, pause=0.01)

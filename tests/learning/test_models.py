@@ -155,6 +155,8 @@ def test_models_of_different_states_are_refused() -> None:
         train_models([], HORIZON, DISCOUNT)
 
 
+@pytest.mark.process
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [[], ["--slippery", "--size", "4"]])
 def test_the_example_runs(options: list[str]) -> None:
     script = ROOT / "scripts" / "frozen_lake.py"

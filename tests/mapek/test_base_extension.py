@@ -51,6 +51,7 @@ def again(folder: Path, seed: int = 0, *, extend: bool = True) -> Scenario:
     return scenario(folder, AGAIN.replace("SEED", str(seed)).replace("EXTEND", str(extend).lower()))
 
 
+@pytest.mark.slow
 def test_the_second_encounter_takes_fewer_episodes(run: RunFolder, tmp_path: Path) -> None:
     """For each of these seeds no more, in sum fewer, than the first one and than without learning again.
 
@@ -70,6 +71,7 @@ def test_the_second_encounter_takes_fewer_episodes(run: RunFolder, tmp_path: Pat
     assert sum(second) < sum(without)
 
 
+@pytest.mark.slow
 def test_what_was_added_is_in_the_knowledge_base_and_decided_again(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:
@@ -87,6 +89,7 @@ def test_what_was_added_is_in_the_knowledge_base_and_decided_again(
     assert check_decisions(run, knowledge, 1) == ()
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_it_had_not_been(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:
@@ -103,6 +106,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(
     assert timeless(run_loop(run, found, knowledge=knowledge, resume=True)) == undisturbed
 
 
+@pytest.mark.slow
 def test_what_is_covered_is_not_added(run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase) -> None:
     text = AGAIN.replace("[2, 2]", "[5, 5]").replace("SEED", "0").replace("EXTEND", "true")
     run_loop(run, scenario(tmp_path, text), knowledge=knowledge)

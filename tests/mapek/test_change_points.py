@@ -97,6 +97,7 @@ def test_only_the_last_episodes_have_a_rival(case: CaseStudy) -> None:
     assert best.log_odds(prior_belief(space)) == pytest.approx(-2)
 
 
+@pytest.mark.slow
 def test_without_a_change_the_odds_stay_low(case: CaseStudy) -> None:
     """Of 200 systems drawn from the base none may reach e^7 within three episodes: by Ville each does with
     a chance of e^-7 for each rival, 0.18 for all of them; the seed is fixed."""

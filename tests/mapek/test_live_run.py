@@ -124,6 +124,7 @@ def test_a_system_that_is_not_there_begins_nothing(
     assert list(knowledge.runs()) == []
 
 
+@pytest.mark.slow
 def test_a_system_that_goes_away_is_waited_for_and_gone_on_with(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:

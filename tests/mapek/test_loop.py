@@ -43,6 +43,7 @@ def decisions(logs: list[EpisodeLog]) -> list[list[str]]:
     return [[decision.kind for decision in log.decisions] for log in logs]
 
 
+@pytest.mark.slow
 def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: Path) -> None:
     """Three updates, then the policy is carried out until the goal is not where it was."""
     built = doubtful(run, scenario(tmp_path, MOVED.replace("episodes: 10", "episodes: 16")))
@@ -57,6 +58,7 @@ def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: P
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("replan_from", ["meta", "adapted"])
 def test_changes_amid_an_adaptation_are_come_to_terms_with(tmp_path: Path, replan_from: str) -> None:
     """The second change comes when the adaptation to the first has hardly begun. Each is noticed by the end
@@ -133,6 +135,7 @@ def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path
     assert truth.reachable.within_5_percent(truth.value(built.parts.learner.policy().table))
 
 
+@pytest.mark.slow
 def test_a_shielded_run_has_no_violations(tmp_path: Path) -> None:
     """With A blocked the shortest way leads through the dark at B; the other is one step longer."""
     run = trained(tmp_path / "run", case=EXAMPLE)
@@ -147,6 +150,7 @@ def test_a_shielded_run_has_no_violations(tmp_path: Path) -> None:
     assert violations["without"] > 0
 
 
+@pytest.mark.slow
 def test_a_replanning_makes_the_shield_forget_what_it_was_sure_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +176,7 @@ class Eager(Planner):
         return Plan(int(self._generator.choice(np.flatnonzero(allowed))), "exploration")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensing", ["{loss: 0.5}", "{delay: 2}"])
 def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path, sensing: str) -> None:
     """Whoever takes any allowed action crosses once beside the gutter, and twice once it is known to be dry.

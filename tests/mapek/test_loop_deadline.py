@@ -40,6 +40,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return trained(tmp_path_factory.mktemp("runs") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_deadline_that_is_never_missed_changes_nothing(
     run: RunFolder, tmp_path: Path, hectic: None, seed: int
@@ -63,6 +64,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return trained(tmp_path_factory.mktemp("runs") / "robot", case=EXAMPLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_nor_does_it_behind_a_shield(robot: RunFolder, tmp_path: Path, hectic: None, seed: int) -> None:
     """The shield's mask is told to a learner that is at work meanwhile."""
@@ -183,6 +185,7 @@ noise: {{reward: 0.1, slip: 0.05}}
 """
 
 
+@pytest.mark.slow
 def test_a_run_in_which_decisions_were_late_is_repeated_as_it_was(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase, slow: None
 ) -> None:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from merap.knowledge.base import open_knowledge
 from merap.learning.run_folder import RunFolder
@@ -16,6 +17,8 @@ from merap.mapek.scenario import Scenario
 from tests.support.loop_child import go
 from tests.support.loop_runs import scenario, timeless
 from tests.support.trained_runs import trained
+
+pytestmark = pytest.mark.process
 
 KILLS = 10
 SCENARIO = """\
@@ -59,6 +62,7 @@ def committed(url: str) -> list[int]:
         return [one.episode for one in knowledge.decisions(1) if one.kind == "episode"]
 
 
+@pytest.mark.slow
 def test_killed_ten_times_at_random(knowledge_url: str, tmp_path: Path) -> None:
     run = trained(tmp_path / "run")
     found: Scenario = scenario(tmp_path, SCENARIO)

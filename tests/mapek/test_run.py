@@ -79,6 +79,7 @@ def test_recording_changes_nothing(run: RunFolder, tmp_path: Path, knowledge: Kn
     assert timeless(run_loop(run, found, knowledge=knowledge)) == timeless(run_loop(run, found))
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_as_if_it_had_not_been_killed(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:
@@ -136,6 +137,7 @@ def test_a_run_that_would_go_differently_is_not_gone_on_with(
         run_loop(run, found, knowledge=knowledge, resume=True)
 
 
+@pytest.mark.slow
 def test_a_second_process_that_goes_on_with_a_run_fails_and_spoils_nothing(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase, knowledge_url: str
 ) -> None:
@@ -216,6 +218,7 @@ def guarded(system: ManagedSystem) -> ManagedSystem:
     return GuardedSystem(Unsound(system, calls=1), retries=Retries(count=0), fallback="stop")
 
 
+@pytest.mark.slow
 def test_what_a_guard_has_done_is_recorded_and_repeated(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:

@@ -147,6 +147,7 @@ def test_unreachable_states_of_the_input_are_ignored() -> None:
     assert not mdp.labels["far"].any()
 
 
+@pytest.mark.slow
 def test_a_base_without_an_objective_has_no_complete_states() -> None:
     size = 450
     grid = large_grid(size)

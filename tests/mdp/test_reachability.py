@@ -23,6 +23,7 @@ from tests.support.mdp_examples import (
 from tests.support.storm_runs import storm_values
 
 
+@pytest.mark.slow
 def test_bold_play_of_the_gambler() -> None:
     # Bold play is optimal below even odds (Dubins and Savage): p, p^2, p + (1 - p) p, and for
     # 20 -> 40 -> 80 -> 60 -> 20 the geometric sum of going round.

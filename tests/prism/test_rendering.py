@@ -151,6 +151,7 @@ print(synthesise(combination).num_states)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "size", "least_states"), [("graph", 2000, 4000), ("grid", 100, 6000)])
 def test_large_spaces_build_and_agree(kind: str, size: int, least_states: int) -> None:
     command = [sys.executable, "-c", BUILD, kind, str(size)]
@@ -171,6 +172,7 @@ def test_the_text_of_large_spaces_is_compact() -> None:
 # --- the text as people and other engines read it ---
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes() -> None:
     code = (
         "from tests.support.hand_made import HAND_MADE\n"

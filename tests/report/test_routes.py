@@ -38,6 +38,7 @@ def test_all_cases_are_there() -> None:
     assert len(CASES) == 11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_storm_and_the_definition_agree(path: Path) -> None:
     for combination in chosen(load_case(path)):
@@ -52,6 +53,7 @@ def test_storm_and_the_definition_agree(path: Path) -> None:
         assert answer.lower - 1e-6 <= planned <= answer.upper + 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_attached_and_whole_models_agree(path: Path) -> None:
     case = load_case(path)

@@ -33,6 +33,7 @@ def test_the_case_describes_gymnasiums_lake(ice: str, slippery: bool) -> None:
     assert optimum(ours, HORIZON) == pytest.approx(optimum(theirs, HORIZON), abs=2e-4)
 
 
+@pytest.mark.slow
 def test_the_loop_manages_gymnasiums_own_lake(tmp_path: Path) -> None:
     """Under the best policy 74 % of the episodes succeed; with a fixed seed nothing is left to chance.
 

@@ -78,6 +78,7 @@ def shielded(name: str, strategy: Strategy, threshold: float, system: str = "met
     return ShieldedStrategy(strategy, space, horizon, ShieldSettings(threshold))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hazard-grid", "running-example"])
 def test_driving_at_random_is_safe_behind_a_shield_and_not_without(name: str) -> None:
     _, space = shipped(name)
@@ -93,6 +94,7 @@ def test_driving_at_random_is_safe_behind_a_shield_and_not_without(name: str) ->
     assert kept.shield.worst_risk == 0
 
 
+@pytest.mark.slow
 def test_a_planner_gets_to_the_goal_behind_a_shield() -> None:
     _, space = shipped("hazard-grid")
     planner = BeliefStrategy(space, 40, np.random.default_rng(2))
@@ -134,6 +136,7 @@ def test_the_policy_is_within_the_mask_under_every_model_of_the_base() -> None:
     np.testing.assert_allclose(policy.sum(axis=-1), 1, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_island_is_reached_only_with_a_threshold() -> None:
     # Every way to the goal in the middle risks a slide to both sides. At 0 nobody gets there; with the
     # worst tyres of the base and what lies beyond it in mind 0.4 is enough, and the episodes that end in
@@ -147,6 +150,7 @@ def test_an_island_is_reached_only_with_a_threshold() -> None:
     assert found.violations <= 3
 
 
+@pytest.mark.slow
 def test_sums_over_adaptations() -> None:
     _, space = shipped("hazard-grid")
     runs = [

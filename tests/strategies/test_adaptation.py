@@ -313,6 +313,7 @@ def test_noise_is_on_the_rewards_that_are_seen_alone(hasty: RunFolder) -> None:
     assert abs(earned.var(ddof=1) - 36) <= 4 * 36 * math.sqrt(2 / 399)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "pretrained"])
 @pytest.mark.parametrize("reset", ["return_to_start", "none"])
 def test_every_strategy_can_do_without_resets(hasty: RunFolder, strategy: str, reset: ResetMode) -> None:
@@ -345,6 +346,7 @@ def test_without_resets_the_next_episode_begins_where_the_last_ended(hasty: RunF
     assert values(found) == pytest.approx([OPTIMUM] * len(values(found)))
 
 
+@pytest.mark.slow
 def test_a_belief_finds_the_goal_without_resets(hasty: RunFolder) -> None:
     conditions = Conditions(reset="none")
     found = adapt(
@@ -374,6 +376,7 @@ def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> 
         adapt(unfinished, unfinished.case.system("met"))
 
 
+@pytest.mark.slow
 def test_learning_is_good(tmp_path: Path) -> None:
     """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck (here: in 8 steps, of 30 asked for).
 

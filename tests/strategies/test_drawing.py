@@ -35,6 +35,7 @@ def test_where_the_policy_has_nothing_left_allowed_actions_are_equal() -> None:
     assert [draw_action(shares, allowed, u) for u in (0.0, 0.49, 0.51, JUST_BELOW_1)] == [1, 1, 2, 2]
 
 
+@pytest.mark.slow
 @given(
     shares=hnp.arrays(np.float64, 5, elements=st.floats(0, 1)),
     allowed=hnp.arrays(np.bool_, 5).filter(np.any),

@@ -65,6 +65,7 @@ def test_the_joint_policy_of_equal_tasks_is_the_best_policy() -> None:
     assert expected_return(model, policy, RING_HORIZON, RING_DISCOUNT) == pytest.approx(best, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_joint_policy_is_better_on_average_than_a_policy_for_one() -> None:
     """Goals one and two steps to the right: the joint policy stops at the first, for a time."""
     models = [grid_model(grid_task(goal)) for goal in ((0, 1), (0, 2))]
@@ -82,6 +83,7 @@ def test_the_joint_policy_is_better_on_average_than_a_policy_for_one() -> None:
         assert joint > mean(one) + 0.5
 
 
+@pytest.mark.slow
 def test_the_joint_policy_for_many_obstacles_is_about_as_good_as_the_best_for_one() -> None:
     """A policy for one is one for all, too: -1.66 on RQ1-2; joint -1.80, with much entropy alone -6.0."""
     case = load_case(MODELS / "paper-grid" / "rq1-2.yaml")
@@ -99,6 +101,7 @@ def test_the_joint_policy_for_many_obstacles_is_about_as_good_as_the_best_for_on
     assert mean(joint_parameters(NETWORK, tasks, SEED_SETTINGS)) >= max(single) - 0.3
 
 
+@pytest.mark.slow
 def test_some_tasks_at_a_time_are_enough() -> None:
     few = SearchSettings(tasks_per_update=2)
     whole = joint_parameters(NETWORK, BATCH, SearchSettings())

@@ -9,6 +9,8 @@ import pytest
 
 from merap.systems.loop_thread import LoopThread
 
+pytestmark = pytest.mark.process
+
 
 def test_it_runs_work_in_its_thread_and_gives_the_result() -> None:
     thread = LoopThread("own")

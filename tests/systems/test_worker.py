@@ -12,6 +12,8 @@ import pytest
 from merap.systems import worker as module
 from merap.systems.worker import Worker
 
+pytestmark = pytest.mark.process
+
 
 def test_calls_are_made_one_after_the_other() -> None:
     gate = threading.Event()

@@ -39,6 +39,7 @@ def test_a_seed_determines_an_update(world: World) -> None:
     assert all(torch.equal(first[name], second[name]) for name in theta)
 
 
+@pytest.mark.slow
 def test_it_learns(world: World) -> None:
     """The exact mean return over both tasks of the meta policy rises; without learning it would not."""
     theta, generator = initial_policy(world, seeded(0)), seeded(1)
