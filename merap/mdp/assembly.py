@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from merap.mdp.csr import pointers_of
 from merap.mdp.graph import reachable_along
+from merap.mdp.matching import first_repeat
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 
 
@@ -86,6 +88,47 @@ def _merge(branches: Branches, num_states: int, num_actions: int) -> Branches:
     return Branches(state, action, target, prob, earned / prob)
 
 
+def merge_branches(
+    choice_to_branch: Ints, target: Ints, prob: Floats, reward: Floats | None, num_states: int
+) -> tuple[Ints, Ints, Floats, Floats | None]:
+    """Drop branches of probability 0 and merge those of one choice to one state.
+
+    Probabilities add up, rewards become their mean weighted by probability, and a merged branch
+    stands where the first one stood. Arrays that need no change are returned as they are, and so
+    are those with a negative probability, which `TabularMDP` refuses.
+
+    Args:
+        choice_to_branch: int64 [C + 1], pointers.
+        target: int64 [B], in 0..num_states - 1.
+        prob: float64 [B].
+        reward: float64 [B] or None.
+        num_states: S.
+
+    Returns:
+        The four arrays with the branches that remain.
+    """
+    num_choices = len(choice_to_branch) - 1
+    choice = np.repeat(np.arange(num_choices), np.diff(choice_to_branch))  # [B]
+    key = choice * num_states + target
+    keep = np.flatnonzero(prob)
+    if not np.all(prob >= 0) or (len(keep) == len(prob) and first_repeat(key) is None):
+        return choice_to_branch, target, prob, reward
+    _, first, inverse = np.unique(key[keep], return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    merged = place[inverse]  # where each kept branch goes
+    remaining = keep[first[order]]
+    total = sum_by(merged, prob[keep], len(order))
+    mean = None
+    if reward is not None:
+        earned = sum_by(merged, (prob * reward)[keep], len(order))
+        alone = np.bincount(merged, minlength=len(order)) == 1
+        mean = np.where(alone, reward[remaining], earned / total)
+    pointers = pointers_of(np.bincount(choice[remaining], minlength=num_choices))
+    return pointers, target[remaining], total, mean
+
+
 def sum_by(group: Ints, values: Floats, size: int) -> Floats:
-    """float64 [size]: the sum of `values` over each `group`."""
+    """Return float64 [size], the sum of `values` over each `group`."""
     return np.bincount(group, values, minlength=size).astype(np.float64, copy=False)

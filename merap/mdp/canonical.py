@@ -8,9 +8,9 @@ import numpy as np
 
 from merap.errors import ModelError
 from merap.mdp.alignment import align_actions, align_variables
+from merap.mdp.csr import pointers_of
 from merap.mdp.matching import first_repeat, match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.segments import pointers_of
 
 END_ACTION = "end"
 COMPLETE_LABEL = "done"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_array
 
+from merap.mdp.csr import pointers_of
 from merap.mdp.evaluation import choice_weights
 from merap.mdp.graph import reachable_states, restrict_to_reachable
 from merap.mdp.model import Floats, TabularMDP
-from merap.mdp.segments import pointers_of
 from merap.mdp.umb import write_umb
 from merap.mdp.umb_encoding import CHAIN_ACTION
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order
 
+from merap.mdp.csr import pointers_of, ragged_indices
 from merap.mdp.model import Bools, Ints, TabularMDP
-from merap.mdp.segments import pointers_of, ragged_indices
 
 
 def reachable_states(

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.errors import EngineError
+from merap.mdp.csr import first_match, row_best
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.mdp.segments import first_match, row_best
 
 # Value iteration halves its error in at most log(2) / (1 - discount) sweeps; 60 halvings
 # pass from any reward to rounding error.

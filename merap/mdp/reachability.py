@@ -8,10 +8,10 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from merap.errors import EngineError
+from merap.mdp.csr import pointers_of, row_best
 from merap.mdp.end_components import maximal_end_components
 from merap.mdp.graph import attractor, states_reaching, surely_reaching
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.segments import pointers_of, row_best
 
 _ZERO, _ONE = 0, 1  # classes of the quotient that are decided by the graph
 

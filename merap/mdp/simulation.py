@@ -12,12 +12,12 @@ import numpy as np
 
 from merap.errors import ModelError
 from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
+from merap.mdp.csr import pointers_of
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.segments import pointers_of
 
 
 @dataclass(frozen=True, eq=False)
-class Lottery:
+class CategoricalSampler:
     """Discrete distributions in compressed rows, cumulated so that one binary search draws from any.
 
     With 10^6 rows a probability is kept to 10^-10, since the number of the row takes part
@@ -67,11 +67,11 @@ class Simulator:
     """
 
     choice: Ints
-    successors: Lottery
+    successors: CategoricalSampler
     target: Ints
     reward: Floats
     completed: Bools
-    starts: Lottery
+    starts: CategoricalSampler
     start: Ints
     num_models: int
     num_states: int
@@ -112,14 +112,14 @@ def simulator(models: Sequence[TabularMDP]) -> Simulator:
                 for model, base in zip(models, choices, strict=False)
             ]
         ),
-        successors=_lottery(
+        successors=_categorical_sampler(
             pointers_of(np.concatenate([np.diff(model.choice_to_branch) for model in models])),
             np.concatenate([model.branch_prob for model in models]),
         ),
         target=np.concatenate([model.branch_target + n * num_states for n, model in enumerate(models)]),
         reward=np.concatenate([model.mean_branch_reward for model in models]),
         completed=np.concatenate([_completed(model) for model in models]),
-        starts=_lottery(
+        starts=_categorical_sampler(
             pointers_of(np.array([np.count_nonzero(model.initial) for model in models])),
             np.concatenate([model.initial[model.initial > 0] for model in models]),
         ),
@@ -176,10 +176,10 @@ def _choice_table(model: TabularMDP, num_actions: int, base: int) -> Ints:
     return table
 
 
-def _lottery(pointers: Ints, prob: Floats) -> Lottery:
+def _categorical_sampler(pointers: Ints, prob: Floats) -> CategoricalSampler:
     """Rows of float64 probabilities, none of them empty."""
     row = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
     cumulated = np.cumsum(prob)
     before = np.append(0.0, cumulated)[pointers[:-1]]
     total = cumulated[pointers[1:] - 1] - before
-    return Lottery(row + (cumulated - before[row]) / total[row], pointers[1:] - 1)
+    return CategoricalSampler(row + (cumulated - before[row]) / total[row], pointers[1:] - 1)

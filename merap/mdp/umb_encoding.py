@@ -1,17 +1,18 @@
-"""An MDP or a Markov chain as the entries of a UMB archive."""
+"""Encode an MDP or a Markov chain as the entries of a UMB archive."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from merap.errors import ModelError
+from merap.mdp.csr import pointers_of
 from merap.mdp.model import Bools, TabularMDP
-from merap.mdp.segments import pointers_of
 from merap.mdp.umb_index import (
     BOOL,
     BRANCH_REWARD,
@@ -33,15 +34,16 @@ Annotations = dict[str, dict[str, Annotation]]
 CHAIN_ACTION = "step"
 # The format marks initial states by themselves; Storm shows them as a label of this name.
 _RESERVED_LABEL = "init"
+_IDENTIFIER_LENGTH = 40
 
 
 def encode(mdp: TabularMDP, reward: str, *, as_chain: bool) -> Entries:
-    """All entries, the index first.
+    """Return all entries, the index first.
 
     Args:
         mdp: a model whose states all have a choice.
         reward: the name of its rewards.
-        as_chain: leave out what a Markov chain hasn't: players and actions.
+        as_chain: leave out players and actions, which a Markov chain doesn't have.
 
     Raises:
         ModelError: a state has no choice, or several although `as_chain`; a label is
@@ -110,12 +112,12 @@ def _action_files(mdp: TabularMDP) -> Entries:
 
 
 def _annotations(mdp: TabularMDP, reward: str) -> tuple[Annotations, Entries]:
-    """Labels, rewards, and in a group of our own what UMB has no place for.
+    """Encode labels, rewards, and in a group of our own the data that UMB has no place for.
 
-    That is an initial distribution that isn't uniform, and the rewards per branch: choices
-    carry their mean exactly, and Storm reads just that.
+    These are an initial distribution that isn't uniform, and the rewards per branch: choices
+    carry their exact mean, and Storm reads only that.
     """
-    reward_id = next(iter(_identifiers([reward])))
+    (reward_id,) = _identifiers([reward])
     of_states, of_choices, of_branches = ("states",), ("choices",), ("branches",)
     annotations: Annotations = {
         "rewards": {reward_id: Annotation(alias=reward, applies_to=of_choices, type=DOUBLE)}
@@ -140,11 +142,17 @@ def _annotations(mdp: TabularMDP, reward: str) -> tuple[Annotations, Entries]:
 
 
 def _identifiers(names: Iterable[str]) -> list[str]:
-    """Distinct identifiers of the form UMB allows, close to the names."""
+    """Return distinct identifiers of the form that UMB allows, close to the names.
+
+    They are file names in the archive: lower-case, so that they stay apart where case is
+    ignored, and short enough for every tar format.
+    """
     taken: list[str] = []
     for position, name in enumerate(names):
-        plain = re.sub(r"[^0-9a-z_-]", "_", name.lower())
-        taken.append(plain if plain and plain not in taken else f"{plain}-{position}")
+        plain = re.sub(r"[^0-9a-z_-]", "_", name.lower())[:_IDENTIFIER_LENGTH]
+        suffixes = (f"-{number}" for number in count(position))
+        candidates = chain([plain] if plain else [], (plain + suffix for suffix in suffixes))
+        taken.append(next(candidate for candidate in candidates if candidate not in taken))
     return taken
 
 
@@ -153,6 +161,6 @@ def _little_endian(array: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
 
 
 def _bit_set(mask: Bools) -> npt.NDArray[np.uint8]:
-    """Bits from the least significant one upwards, padded to a multiple of 64."""
+    """Pack bits from the least significant one upwards, padded to a multiple of 64."""
     packed = np.packbits(mask, bitorder="little")
     return np.pad(packed, (0, -len(packed) % 8))

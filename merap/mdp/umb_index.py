@@ -1,4 +1,4 @@
-"""`index.json` of a UMB archive: the part of its schema that merap reads and writes.
+"""Read and write `index.json` of a UMB archive: the part of its schema that merap uses.
 
 Source: the specification of the unified Markov binary format, version 1.0
 (https://github.com/pmc-tools/umb, spec.md).
@@ -20,21 +20,31 @@ INITIAL_DISTRIBUTION = "initial-distribution"
 BRANCH_REWARD = "branch-reward"
 
 Count = Annotated[int, Field(ge=0, le=2**62)]
-Bits = Annotated[int, Field(ge=1, le=2**16)]
+Bits = Annotated[int, Field(ge=1, lt=2**32)]
+
+# The sizes of types in bits where the index names none.
+_DEFAULT_SIZES = {
+    "bool": 1,
+    "int-interval": 128,
+    "uint-interval": 128,
+    "double-interval": 128,
+    "rational": 128,
+    "rational-interval": 256,
+}
 
 
 def _key(name: str) -> str:
-    """`num_states` is `#states` there, `applies_to` is `applies-to`."""
+    """Return a field's key in the file: `#states` for `num_states`, `applies-to` for `applies_to`."""
     plain = name.replace("_", "-")
     return "#" + plain.removeprefix("num-") if plain.startswith("num-") else plain
 
 
 class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_key)
+    model_config = ConfigDict(frozen=True, strict=True, populate_by_name=True, alias_generator=_key)
 
 
 class ValueType(_Record):
-    """The type of a value and its size in bits; that of the type itself by default."""
+    """The type of a value and its size in bits, which each type has a default for."""
 
     type: str
     size: Bits = 64
@@ -42,9 +52,14 @@ class ValueType(_Record):
     @model_validator(mode="before")
     @classmethod
     def _fill_in_size(cls, data: object) -> object:
-        if isinstance(data, dict) and data.get("type") == "bool":
-            return {"size": 1, **data}
+        if isinstance(data, dict) and isinstance(data.get("type"), str):
+            return {"size": _DEFAULT_SIZES.get(data["type"], 64), **data}
         return data
+
+    @property
+    def is_real(self) -> bool:
+        """Tell whether it is a double or a rational, of a size that these may have."""
+        return self == DOUBLE or (self.type == "rational" and self.size % 128 == 0)
 
 
 class TransitionSystem(_Record):
@@ -60,14 +75,20 @@ class TransitionSystem(_Record):
     num_branch_actions: Count = 0
     num_observations: Count = 0
     branch_probability_type: ValueType | None = None
+    exit_rate_type: ValueType | None = None
+    player_names: tuple[str, ...] | None = None
 
 
 class Annotation(_Record):
     """Values attached to states, choices or branches."""
 
     alias: str | None = None
-    applies_to: tuple[str, ...]
+    applies_to: Annotated[tuple[str, ...], Field(min_length=1)]
     type: ValueType
+
+    def name(self, identifier: str) -> str:
+        """Return the name that the annotation goes by: its alias, else its identifier."""
+        return identifier if self.alias is None else self.alias
 
 
 class Variable(_Record):
@@ -116,12 +137,12 @@ BOOL = ValueType(type="bool", size=1)
 
 
 def annotation_entry(group: str, identifier: str, kind: str) -> str:
-    """Where an annotation's values for "states", "choices" or "branches" are."""
+    """Return the entry with an annotation's values for "states", "choices" or "branches"."""
     return f"annotations/{group}/{identifier}/{kind}/values.bin"
 
 
 def parse_index(content: bytes, source: str) -> Index:
-    """The index as a checked record.
+    """Parse and check the index.
 
     Raises:
         InputError: it isn't JSON or doesn't follow the schema; names the key.
@@ -135,5 +156,5 @@ def parse_index(content: bytes, source: str) -> Index:
 
 
 def dump_index(index: Index) -> bytes:
-    """The index as deterministic JSON."""
+    """Write the index as JSON; equal indices give equal bytes."""
     return index.model_dump_json(by_alias=True, exclude_none=True, indent=2).encode()

@@ -1,4 +1,7 @@
-"""State valuations as UMB packs them: bit fields in little-endian records of whole bytes."""
+"""Read and pack state valuations as UMB has them: bit fields in little-endian records of whole bytes.
+
+Axes: S states, V variables.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.errors import InputError, ModelError
-from merap.mdp.model import Ints
+from merap.mdp.model import Ints, check_range
 from merap.mdp.umb_archive import Archive
 from merap.mdp.umb_index import Index, Padding, ValuationClass, Valuations, ValueType, Variable
 
 Bytes = npt.NDArray[np.uint8]
 
 VALUATIONS_ENTRY = "valuations/states/valuations.bin"
+CLASS_ENTRY = "valuations/states/valuation-to-class.bin"
 # Storm adds this bit when it is told to build a state for assignments out of range.
 OUT_OF_BOUNDS_BIT = "_OutOfBoundsBit"
 
@@ -20,13 +24,14 @@ _WIDTHS = (8, 16, 32, 64)
 
 
 def read_valuations(archive: Archive, index: Index) -> tuple[tuple[str, ...], Ints]:
-    """Names and values of the state variables; Booleans as 0 and 1.
+    """Read names and values of the state variables; Booleans as 0 and 1.
 
     Returns:
         V names in the archive's order, int64 [S, V].
 
     Raises:
-        InputError: there are none, or of a kind that isn't integer or Boolean.
+        InputError: there are none, one is neither an integer nor a Boolean, or a value is outside
+            of the bounds that the index declares.
         ModelError: a state is marked as out of bounds.
     """
     packing = _single_class(archive, index)
@@ -35,6 +40,9 @@ def read_valuations(archive: Archive, index: Index) -> tuple[tuple[str, ...], In
     stray = columns.pop(OUT_OF_BOUNDS_BIT, None)
     if stray is not None and stray.any():
         raise ModelError("an update takes a variable out of its range")
+    for field, _ in fields:
+        if field.name in columns:
+            _check_bounds(field, columns[field.name], archive.source)
     if len(columns) + (stray is not None) != len(fields):
         raise InputError("two state variables have one name", source=archive.source)
     values = np.empty((len(records), len(columns)), dtype=np.int64)
@@ -49,13 +57,15 @@ def _single_class(archive: Archive, index: Index) -> ValuationClass:
     classes = index.valuations["states"].classes
     if len(classes) != 1:
         raise InputError(f"{len(classes)} classes of state valuations, 1 is allowed", source=archive.source)
+    number = archive.numbers(CLASS_ENTRY, index.transition_system.num_states, optional=True)
+    check_range(CLASS_ENTRY, number, len(classes))
     return classes[0]
 
 
 def _records(
     archive: Archive, index: Index, packing: ValuationClass
 ) -> tuple[Bytes, list[tuple[Variable, int]]]:
-    """The packed records, uint8 [S, bytes], and each variable with its first bit."""
+    """Return the packed records, uint8 [S, bytes], and each variable with its first bit."""
     fields = []
     bits = 0
     for entry in packing.variables:
@@ -82,6 +92,17 @@ def _check_supported(variable: Variable, source: str) -> None:
         )
 
 
+def _check_bounds(variable: Variable, values: Ints, source: str) -> None:
+    low, high = int(values.min()), int(values.max())
+    least = low if variable.lower is None else variable.lower
+    greatest = high if variable.upper is None else variable.upper
+    if variable.type.type != "bool" and not least <= low <= high <= greatest:
+        raise InputError(
+            f"state variable {variable.name!r} has values {low}..{high}, declared are {least}..{greatest}",
+            source=source,
+        )
+
+
 def _decode(records: Bytes, variable: Variable, start: int, source: str) -> Ints:
     bits = variable.type.size
     raw = _extract(records, start, bits)
@@ -101,7 +122,7 @@ def _decode(records: Bytes, variable: Variable, start: int, source: str) -> Ints
 
 
 def _extract(records: Bytes, start: int, bits: int) -> npt.NDArray[np.uint64]:
-    """Bits start..start + bits - 1 of each record, uint64 [S]; a loop over the bytes they touch."""
+    """Extract bits start..start + bits - 1 of each record, uint64 [S]; loops over the bytes they touch."""
     value = np.zeros(len(records), dtype=np.uint64)
     first = start // 8
     for byte in range(first, (start + bits - 1) // 8 + 1):
@@ -112,7 +133,7 @@ def _extract(records: Bytes, start: int, bits: int) -> npt.NDArray[np.uint64]:
 
 
 def pack_valuations(names: tuple[str, ...], values: Ints) -> tuple[Valuations, Bytes]:
-    """The valuations in whole bytes, each variable as unsigned above its minimum.
+    """Pack the valuations in whole bytes, each variable as unsigned above its minimum.
 
     Args:
         names: V names.

@@ -35,7 +35,7 @@ import numpy as np
 
 from merap.errors import EngineError
 from merap.mdp.model import Bools, Floats
-from merap.mdp.segments import row_best
+from merap.mdp.csr import row_best
 from merap.shield.game import make_game, row_at_risk, row_risk, solve
 from merap.shield.outcomes import OutcomeSets
 

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.errors import ModelError
+from merap.mdp.csr import pointers_of
 from merap.mdp.model import Bools, Floats, Ints
-from merap.mdp.segments import pointers_of
 
 Hashes = npt.NDArray[np.uint64]
 Scalar = TypeVar("Scalar", np.float64, np.bool_)

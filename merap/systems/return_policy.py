@@ -11,9 +11,9 @@ import numpy as np
 
 from merap.concerns.combination import END, Combination
 from merap.errors import EngineError, InputError
+from merap.mdp.csr import first_match, row_best
 from merap.mdp.graph import surely_reaching
 from merap.mdp.model import Ints, TabularMDP
-from merap.mdp.segments import first_match, row_best
 from merap.mdp.simulation import simulator
 
 PRECISION = 1e-9

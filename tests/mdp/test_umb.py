@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import lzma
+import tarfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -251,6 +252,20 @@ def test_storm_reads_states_labels_and_actions(tmp_path: Path) -> None:
     for state in range(0, mdp.num_states, 5):
         valuation = json.loads(str(model.state_valuations.to_json(state)))
         assert [valuation[name] for name in mdp.variable_names] == mdp.valuations[state].tolist()
+
+
+def test_labels_with_awkward_names_are_all_kept_for_storm_too(tmp_path: Path) -> None:
+    names = ("a-2", "a", "A", "a-3", "", "é", "É", "x" * 300, "x" * 301)
+    labels = {name: np.array([bool(number & 1), bool(number & 2)]) for number, name in enumerate(names)}
+    write_umb(replace(puterman_two_states(), labels=labels), tmp_path / "mdp.umb")
+    mdp = read_umb(tmp_path / "mdp.umb")
+    storm = stormpy.build_model_from_umb(str(tmp_path / "mdp.umb")).labeling
+    for name, mask in labels.items():
+        assert mdp.labels[name].tolist() == mask.tolist()
+        assert list(storm.get_states(name)) == np.flatnonzero(mask).tolist()
+    with tarfile.open(tmp_path / "mdp.umb") as tar:
+        entries = [entry.casefold() for entry in tar.getnames()]
+    assert len(set(entries)) == len(entries)
 
 
 @pytest.mark.parametrize("branch_rewards", [False, True])
