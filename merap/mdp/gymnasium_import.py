@@ -1,4 +1,4 @@
-"""Tabular Gymnasium environments, anything with a table `P`, as models in canonical form.
+"""Import Gymnasium environments that have a table `P` as models in canonical form.
 
 Axes: S states of the table, B branches.
 """
@@ -16,7 +16,7 @@ from merap.errors import InputError
 from merap.mdp.assembly import Branches, assemble
 from merap.mdp.canonical import ABSORBING_VALUE, COMPLETE_LABEL, END_ACTION
 from merap.mdp.graph import reachable_along
-from merap.mdp.gymnasium_extra import gymnasium
+from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
 from merap.mdp.gymnasium_toy_text import TableNames, names_of, numbered_names
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats, Ints, TabularMDP
 
@@ -25,35 +25,38 @@ Table = Mapping[int, Any] | Sequence[Any]
 
 
 def import_gymnasium(env: str | gymnasium.Env[Any, Any], **kwargs: Any) -> TabularMDP:
-    """The model of a Gymnasium environment that has a transition table `P`.
+    """Import a Gymnasium environment that has a transition table `P`.
 
-    The dynamics are those of `env.unwrapped`: wrappers and time limits are no part of the
-    model. FrozenLake, CliffWalking and Taxi come with their factors, action names and
-    labels; others with the variable `state` and actions `a0`, `a1`, ... See `import_table`
-    for the form.
+    Transitions and rewards are those of `env.unwrapped`: wrappers that change rewards or limit
+    the steps are no part of the model. A wrapper that may change observations or actions is
+    refused, since `P` counts those of `env.unwrapped`. FrozenLake, CliffWalking and Taxi come
+    with their factors, action names and labels; others with the variable `state`, counted as
+    the observation space counts, and actions `a0`, `a1`, ... See `import_table` for the form.
 
     Args:
         env: an environment, or the id of one.
         kwargs: arguments of `gymnasium.make`, if it is an id.
 
     Raises:
-        InputError: there is no such environment, it has no `P` or no
-            `initial_state_distrib`, or does what `P` doesn't tell.
+        InputError: there is no such environment; it has no `P` or no `initial_state_distrib`, does
+            what `P` doesn't tell, has spaces of other sizes, or a wrapper may change them.
         ModelError: the table is no MDP; names state and action.
     """
     if isinstance(env, str):
         made = make_environment(env, kwargs)
         try:
-            return _of_environment(made)
+            return _import_environment(made)
         finally:
             made.close()
     if kwargs:
         raise InputError(f"{', '.join(kwargs)}: arguments are for an id, not for a ready environment")
-    return _of_environment(env)
+    if not isinstance(env, gymnasium.Env):
+        raise InputError(f"only an environment or its id can be imported, not {type(env).__name__}")
+    return _import_environment(env)
 
 
 def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None = None) -> TabularMDP:
-    """A transition table as a model in canonical form.
+    """Import a transition table as a model in canonical form.
 
     After the states of the table stands one absorbing state, `done`, with the action `end`;
     branches flagged as terminated lead there (only these: an unflagged one into the same
@@ -93,7 +96,7 @@ def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None 
 
 
 def make_environment(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env[Any, Any]:
-    """The environment with an id.
+    """Make the environment with an id.
 
     Raises:
         InputError: Gymnasium can't make it.
@@ -104,17 +107,37 @@ def make_environment(env_id: str, kwargs: Mapping[str, Any]) -> gymnasium.Env[An
         raise InputError(f"Gymnasium can't make {env_id!r}: {error}") from error
 
 
-def _of_environment(env: gymnasium.Env[Any, Any]) -> TabularMDP:
+def _import_environment(env: gymnasium.Env[Any, Any]) -> TabularMDP:
     base = env.unwrapped
     table, initial = _attribute(base, "P"), _attribute(base, "initial_state_distrib")
-    return import_table(table, initial, names_of(base))
+    wrapper = changing_wrapper(env)
+    if wrapper is not None:
+        raise InputError(
+            f"{_title(base)}: {wrapper} may change observations or actions, and P is about those of the "
+            "environment inside; to import that one, pass env.unwrapped"
+        )
+    return import_table(table, initial, names_of(base) or _numbered_by_spaces(base, len(table)))
+
+
+def _numbered_by_spaces(env: gymnasium.Env[Any, Any], num_states: int) -> TableNames | None:
+    """Number states and actions as discrete spaces do; None if there are none."""
+    spaces = getattr(env, "observation_space", None), getattr(env, "action_space", None)
+    states, actions = spaces
+    if not (isinstance(states, gymnasium.spaces.Discrete) and isinstance(actions, gymnasium.spaces.Discrete)):
+        return None
+    if states.n != num_states:
+        raise InputError(f"{_title(env)}: P has {num_states} states, the observation space is {states}")
+    return numbered_names(num_states, int(actions.n), int(states.start))
+
+
+def _title(env: gymnasium.Env[Any, Any]) -> str:
+    return env.spec.id if env.spec is not None else type(env).__name__
 
 
 def _attribute(env: gymnasium.Env[Any, Any], name: str) -> Any:
     if not hasattr(env, name):
-        title = env.spec.id if env.spec is not None else type(env).__name__
         raise InputError(
-            f"{title} has no {name}: an environment needs P and initial_state_distrib to be imported, "
+            f"{_title(env)} has no {name}: an environment needs P and initial_state_distrib to be imported, "
             "as FrozenLake, Taxi and CliffWalking have them"
         )
     return getattr(env, name)
@@ -150,7 +173,7 @@ def _rows(table: Table) -> _Rows:
 
 
 def _columns(table: Table) -> Floats:
-    """float64 [6, B]: state, action, probability, next state, reward, terminated."""
+    """Return float64 [6, B]: state, action, probability, next state, reward, terminated."""
     try:
         entries = _entries(table)
         odd = next((entry for entry in entries if len(entry) != 6), None)
@@ -201,7 +224,7 @@ def _refuse(columns: Floats, wrong: Bools, values: Floats, allowed: str) -> None
 
 
 def _branches(rows: _Rows, initial: Floats, num_actions: int) -> Branches:
-    """The branches of reachable states, and `end` (action `num_actions`) of the absorbing state."""
+    """Return the branches of reachable states, and `end` (action `num_actions`) of the absorbing state."""
     absorbing = len(initial)
     target = np.where(rows.terminated, absorbing, rows.next_state)
     possible = rows.prob > 0

@@ -1,5 +1,6 @@
-"""What Gymnasium sees of a model: its observations and their space.
+"""Gymnasium itself, which is an optional extra, the spaces of a model, and which wrappers keep spaces.
 
+The other modules take Gymnasium from here, so that its absence is told in one way.
 Axes: S states, V variables.
 """
 
@@ -11,14 +12,70 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.errors import InputError
-from merap.mdp.gymnasium_extra import gymnasium
 from merap.mdp.model import TabularMDP
+
+try:
+    import gymnasium
+    from gymnasium import wrappers
+    from gymnasium.envs import toy_text
+except ModuleNotFoundError as error:
+    raise InputError("this needs Gymnasium, which is missing: pip install 'merap[gymnasium]'") from error
+
+__all__ = [
+    "ObservationKind",
+    "changing_wrapper",
+    "check_horizon",
+    "gymnasium",
+    "observation_space",
+    "observation_table",
+    "toy_text",
+]
 
 ObservationKind = Literal["state", "factored", "box"]
 
+# Wrappers whose `step` and `reset` pass actions and observations on as they are. A class that
+# inherits these two functions passes them on as well, whatever else it does.
+_KEEPING = (
+    gymnasium.Wrapper,
+    gymnasium.RewardWrapper,
+    wrappers.Autoreset,
+    wrappers.HumanRendering,
+    wrappers.NormalizeReward,
+    wrappers.OrderEnforcing,
+    wrappers.PassiveEnvChecker,
+    wrappers.RecordEpisodeStatistics,
+    wrappers.RecordVideo,
+    wrappers.RenderCollection,
+    wrappers.TimeLimit,
+)
+_KEEPING_STEPS = frozenset(wrapper.step for wrapper in _KEEPING)
+_KEEPING_RESETS = frozenset(wrapper.reset for wrapper in _KEEPING)
+
+
+def changing_wrapper(env: gymnasium.Env[Any, Any]) -> str | None:
+    """Return the class of a wrapper that may change observations or actions, None without one.
+
+    Where there is one, states and actions are known by `env.observation_space` and
+    `env.action_space` alone: the tables and names of `env.unwrapped` are about other numbers.
+    Equal spaces do not show that nothing is changed, since a wrapper may permute the numbers.
+    So each wrapper must be known to pass them on; rewards and limits of steps may change.
+    """
+    layer = env
+    while isinstance(layer, gymnasium.Wrapper):
+        kind = type(layer)
+        if kind.step not in _KEEPING_STEPS or kind.reset not in _KEEPING_RESETS or not _keeps_spaces(layer):
+            return kind.__name__
+        layer = layer.env
+    return None
+
+
+def _keeps_spaces(wrapper: gymnasium.Wrapper[Any, Any, Any, Any]) -> bool:
+    spaces = ("observation_space", "action_space")
+    return all(getattr(wrapper, name, None) == getattr(wrapper.env, name, None) for name in spaces)
+
 
 def observation_table(mdp: TabularMDP, kind: ObservationKind) -> npt.NDArray[Any]:
-    """What is observed in each state.
+    """Build the table of what is observed in each state.
 
     Args:
         mdp: the model.
@@ -41,7 +98,7 @@ def observation_table(mdp: TabularMDP, kind: ObservationKind) -> npt.NDArray[Any
 
 
 def observation_space(table: npt.NDArray[Any]) -> gymnasium.Space[Any]:
-    """The space of the rows of an observation table.
+    """Return the space that holds the rows of an observation table.
 
     Args:
         table: from `observation_table`.
@@ -58,6 +115,6 @@ def observation_space(table: npt.NDArray[Any]) -> gymnasium.Space[Any]:
 
 
 def check_horizon(horizon: int | None) -> None:
-    """Raises InputError unless the horizon is a positive number of steps or None."""
+    """Raise InputError unless the horizon is a positive number of steps or None."""
     if horizon is not None and horizon < 1:
         raise InputError(f"the horizon must be at least 1 step, it is {horizon}")

@@ -1,4 +1,4 @@
-"""What the table `P` of Gymnasium's toy_text environments doesn't tell: factors, names, labels.
+"""Name the states and actions of Gymnasium's toy_text environments, which their table `P` only numbers.
 
 Sources: the documentation of Gymnasium 1.4, Toy Text.
 """
@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from merap.errors import InputError
-from merap.mdp.gymnasium_extra import gymnasium, toy_text
+from merap.mdp.gymnasium_spaces import gymnasium, toy_text
 from merap.mdp.model import Bools, Ints
 
 
 @dataclass(frozen=True, eq=False)
 class TableNames:
-    """How states and actions of a table are called.
+    """Names for the states and actions of a table.
 
     Attributes:
         variable_names: V names.
@@ -34,15 +34,24 @@ class TableNames:
 
 
 def names_of(env: gymnasium.Env[Any, Any], *, to_import: bool = True) -> TableNames | None:
-    """The names of a known environment, None of any other.
+    """Return the names of a known environment, None for any other.
 
     Args:
-        env: unwrapped.
+        env: unwrapped; its spaces must be those that belong to the names.
         to_import: whether its table is to be read.
 
     Raises:
-        InputError: the table is to be read, and the environment does what it doesn't tell.
+        InputError: the table is to be read, and the environment does things that it leaves out.
     """
+    names = _known_names(env, to_import=to_import)
+    if names is None:
+        return None
+    sizes = len(names.valuations), len(names.action_names)
+    expected = tuple(gymnasium.spaces.Discrete(size) for size in sizes)
+    return names if (env.observation_space, env.action_space) == expected else None
+
+
+def _known_names(env: gymnasium.Env[Any, Any], *, to_import: bool) -> TableNames | None:
     if isinstance(env, toy_text.FrozenLakeEnv):
         return _frozen_lake(env)
     if isinstance(env, toy_text.CliffWalkingEnv):
@@ -52,10 +61,10 @@ def names_of(env: gymnasium.Env[Any, Any], *, to_import: bool = True) -> TableNa
     return None
 
 
-def numbered_names(num_states: int, num_actions: int) -> TableNames:
-    """The variable `state` and actions `a0`, `a1`, ..."""
+def numbered_names(num_states: int, num_actions: int, first_state: int = 0) -> TableNames:
+    """Return the variable `state`, counted from its first value, and actions `a0`, `a1`, ..."""
     actions = tuple(f"a{action}" for action in range(num_actions))
-    return TableNames(("state",), np.arange(num_states)[:, np.newaxis], actions, {})
+    return TableNames(("state",), first_state + np.arange(num_states)[:, np.newaxis], actions, {})
 
 
 def _frozen_lake(env: toy_text.FrozenLakeEnv) -> TableNames:
@@ -97,5 +106,5 @@ def _taxi(env: toy_text.TaxiEnv, *, to_import: bool) -> TableNames:
 
 
 def _cells(shape: tuple[int, ...]) -> Ints:
-    """int64 [product of the shape, dimensions], the indices of all cells in C order."""
+    """Return int64 [product of the shape, dimensions], the indices of all cells in C order."""
     return np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)

@@ -12,8 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.errors import InputError
-from merap.mdp.gymnasium_extra import gymnasium
-from merap.mdp.gymnasium_spaces import ObservationKind, check_horizon, observation_space, observation_table
+from merap.mdp.gymnasium_spaces import (
+    ObservationKind,
+    check_horizon,
+    gymnasium,
+    observation_space,
+    observation_table,
+)
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.simulation import simulator
 

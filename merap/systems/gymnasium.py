@@ -16,8 +16,8 @@ from merap.closing import Closing
 from merap.errors import InputError
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_env import MDPEnv
-from merap.mdp.gymnasium_extra import gymnasium
 from merap.mdp.gymnasium_import import make_environment
+from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
 from merap.mdp.gymnasium_toy_text import names_of, numbered_names
 from merap.mdp.model import Bools, Ints
 from merap.systems.description import Interface, Variable
@@ -30,8 +30,9 @@ class GymnasiumSystem(Closing):
     """An environment as a managed system; to be closed, or used in a `with` statement.
 
     Environments with a table that `import_gymnasium` knows, and those made of our models, show the
-    variables and actions of that model, so a strategy for the model manages them. Others show a
-    variable for each number of their observation, named by the key of a `Dict`. Terminated is a
+    variables and actions of that model, so a strategy for the model manages them, unless a wrapper
+    may have changed observations or actions (see `changing_wrapper`). Others show a variable for each
+    number of their observation, named by the key of a `Dict`. Terminated is a
     completed task, whose variables are -1; truncated is truncated.
 
     Args:
@@ -155,7 +156,7 @@ def _view(env: gymnasium.Env[Any, Any], name: str) -> _View:
 
 def _tabular(env: gymnasium.Env[Any, Any]) -> tuple[tuple[str, ...], Ints, tuple[str, ...]] | None:
     """Names, valuations [S, V] and actions, where an observation is the number of a state we know."""
-    if not isinstance(env.observation_space, gymnasium.spaces.Discrete):
+    if not isinstance(env.observation_space, gymnasium.spaces.Discrete) or changing_wrapper(env) is not None:
         return None
     base = env.unwrapped
     if isinstance(base, MDPEnv):

@@ -214,8 +214,6 @@ for module in pkgutil.iter_modules(merap.mdp.__path__, "merap.mdp."):
 def test_gymnasium_is_needed_only_here_and_its_absence_is_one_line() -> None:
     run = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=True)
     lines = dict(line.split(": ", 1) for line in run.stdout.splitlines())
-    names = {
-        f"merap.mdp.gymnasium_{name}" for name in ("env", "extra", "import", "spaces", "toy_text", "vector")
-    }
+    names = {f"merap.mdp.gymnasium_{name}" for name in ("env", "import", "spaces", "toy_text", "vector")}
     assert lines.keys() == names
     assert set(lines.values()) == {"this needs Gymnasium, which is missing: pip install 'merap[gymnasium]'"}
