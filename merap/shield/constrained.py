@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from merap.mdp.csr import first_match, row_best
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import backward_induction, choice_values, initial_value
 from merap.mdp.reachability import bounded_reachability
-from merap.mdp.csr import first_match, row_best
 from merap.shield.fixpoint import robust_risk
 from merap.shield.models import model_sets
 from merap.shield.policy import slack_mask

@@ -34,8 +34,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.errors import EngineError
-from merap.mdp.model import Bools, Floats
 from merap.mdp.csr import row_best
+from merap.mdp.model import Bools, Floats
 from merap.shield.game import make_game, row_at_risk, row_risk, solve
 from merap.shield.outcomes import OutcomeSets
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from merap.mdp.assembly import sum_by
+from merap.mdp.csr import ragged_indices, row_best
 from merap.mdp.evaluation import policy_values
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.planning import initial_value
-from merap.mdp.csr import ragged_indices, row_best
 from merap.trigger.settings import ChangeSettings
 from merap.trigger.trigger import Reading
 

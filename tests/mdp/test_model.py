@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from merap.errors import ModelError
+from merap.mdp.csr import first_match, pointers_of, ragged_indices, row_best
 from merap.mdp.graph import attractor, restrict_to_reachable, surely_reaching
 from merap.mdp.matching import first_repeat, match_rows, row_keys
 from merap.mdp.model import TabularMDP
-from merap.mdp.csr import first_match, pointers_of, ragged_indices, row_best
 from tests.support.mdp_examples import end_component_trap, make_mdp, puterman_two_states, random_mdp
 from tests.support.mdp_routes import dense
 

@@ -15,8 +15,8 @@ import stormpy
 from merap.errors import InputError
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import read_umb, write_umb
-from tests.mdp_routes import assert_identical
-from tests.umb_example import Entries, Index, doubles, saved, standard_example, tar_bytes, words
+from tests.support.mdp_routes import assert_identical
+from tests.support.umb_example import Entries, Index, doubles, saved, standard_example, tar_bytes, words
 
 Change = Callable[[Index, Entries], None]
 

@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from merap.errors import MerapError
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import read_umb, write_umb
-from tests.mdp_examples import puterman_two_states
-from tests.umb_example import saved, standard_example, tar_bytes
+from tests.support.mdp_examples import puterman_two_states
+from tests.support.umb_example import saved, standard_example, tar_bytes
 
 NAMES = list(standard_example()[1])
 JSON = st.recursive(

@@ -15,9 +15,9 @@ from merap.errors import InputError
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.gymnasium_spaces import changing_wrapper
-from merap.online.managed.gymnasium import GymnasiumSystem
-from tests.grid_tasks import grid_model, grid_task
-from tests.mdp_routes import assert_identical
+from merap.systems.gymnasium import GymnasiumSystem
+from tests.support.grid_tasks import grid_model, grid_task
+from tests.support.mdp_routes import assert_identical
 
 Env = gymnasium.Env[Any, Any]
 Wrap = Callable[[Env], Env]
