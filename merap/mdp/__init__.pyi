@@ -1,0 +1,35 @@
+from merap.mdp.assembly import Branches as Branches
+from merap.mdp.assembly import assemble as assemble
+from merap.mdp.canonical import canonicalise as canonicalise
+from merap.mdp.chain import induced_chain as induced_chain
+from merap.mdp.chain import write_induced_chain as write_induced_chain
+from merap.mdp.comparison import Comparison as Comparison
+from merap.mdp.comparison import compare as compare
+from merap.mdp.difference import Difference as Difference
+from merap.mdp.difference import differences as differences
+from merap.mdp.difference import model_difference as model_difference
+from merap.mdp.difference import nearest as nearest
+from merap.mdp.evaluation import as_policy as as_policy
+from merap.mdp.evaluation import expected_return as expected_return
+from merap.mdp.evaluation import policy_values as policy_values
+from merap.mdp.graph import restrict_to_reachable as restrict_to_reachable
+from merap.mdp.gymnasium_env import MDPEnv as MDPEnv
+from merap.mdp.gymnasium_env import register_mdp as register_mdp
+from merap.mdp.gymnasium_import import import_gymnasium as import_gymnasium
+from merap.mdp.gymnasium_import import import_table as import_table
+from merap.mdp.gymnasium_vector import MDPVectorEnv as MDPVectorEnv
+from merap.mdp.model import TabularMDP as TabularMDP
+from merap.mdp.planning import DiscountedPlan as DiscountedPlan
+from merap.mdp.planning import FiniteHorizonPlan as FiniteHorizonPlan
+from merap.mdp.planning import backward_induction as backward_induction
+from merap.mdp.planning import optimum as optimum
+from merap.mdp.planning import value_iteration as value_iteration
+from merap.mdp.reachability import ReachabilityBounds as ReachabilityBounds
+from merap.mdp.reachability import bounded_reachability as bounded_reachability
+from merap.mdp.simulation import CategoricalSampler as CategoricalSampler
+from merap.mdp.simulation import Simulator as Simulator
+from merap.mdp.simulation import simulator as simulator
+from merap.mdp.umb import read_umb as read_umb
+from merap.mdp.umb import write_umb as write_umb
+
+__all__: list[str]
