@@ -45,6 +45,6 @@ def test_another_name_is_not() -> None:
 @pytest.mark.slow
 def test_looking_at_a_case_waits_for_nothing_slow() -> None:
     slow = ("torch", "matplotlib", "stormpy")
-    program = f"import sys, merap.mdp; merap.load_case; print([name for name in {slow} if name in sys.modules])"
+    program = f"import sys, merap.mdp; merap.load_case; print([n for n in {slow} if n in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

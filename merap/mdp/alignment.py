@@ -1,4 +1,4 @@
-"""Which action and which variable of one model is which of another: by name."""
+"""Match the actions and variables of two models by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from merap.mdp.model import Ints, TabularMDP
 
 
 def align_actions(mdp: TabularMDP, action_names: tuple[str, ...]) -> Ints:
-    """Where each action of a model stands among other names.
+    """Find each action of a model among other names.
 
     Args:
         mdp: the model.
@@ -23,7 +23,7 @@ def align_actions(mdp: TabularMDP, action_names: tuple[str, ...]) -> Ints:
 
 
 def align_variables(mdp: TabularMDP, variable_names: tuple[str, ...]) -> Ints:
-    """The valuations of a model with its columns in another order.
+    """Return the valuations of a model with its columns in another order.
 
     Args:
         mdp: the model.
@@ -33,7 +33,7 @@ def align_variables(mdp: TabularMDP, variable_names: tuple[str, ...]) -> Ints:
         int64 [S, len(variable_names)].
 
     Raises:
-        ModelError: a variable exists only in one of both; names it.
+        ModelError: a variable exists only in one of the two; names it.
     """
     for name in mdp.variable_names:
         if name not in variable_names:

@@ -1,4 +1,4 @@
-"""Assemble an MDP from a list of branches, and take a part of one out.
+"""Assemble an MDP from a list of branches, and merge its branches.
 
 Axes as in `model.py`: S states, C choices, B branches.
 """

@@ -1,4 +1,4 @@
-"""The canonical index of a case: one numbering of states and actions for all its models."""
+"""Map models onto the canonical index of their case: one numbering of states and actions for all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def canonicalise(
     action_names: tuple[str, ...],
     complete_label: str | None = COMPLETE_LABEL,
 ) -> TabularMDP:
-    """Maps a model onto the canonical index of its case (design, section 6).
+    """Map a model onto the canonical index of its case (design, section 6).
 
     The states are the given valuations in their order and, last, one absorbing state (all
     variables -1) into which the complete states fold. The actions are the declared ones
@@ -35,7 +35,7 @@ def canonicalise(
 
     Args:
         mdp: a whole model, as Storm builds it; unreachable states are ignored.
-        valuations: int64 [P, V], all values a state that isn't complete can have.
+        valuations: int64 [P, V], all valuations that a state that isn't complete can have.
         variable_names: V names; the model has these and possibly `done`.
         action_names: the declared actions, without `end`.
         complete_label: marks the complete states; None for a model that has none.
@@ -80,7 +80,7 @@ def _complete_states(mdp: TabularMDP, label: str | None) -> Bools:
 
 
 def _check_complete_states(mdp: TabularMDP, complete: Bools) -> None:
-    """A complete state has `end` alone, a self-loop of reward 0; no other state has `end`."""
+    """Refuse a complete state with more than `end`, a self-loop of reward 0, and `end` elsewhere."""
     live = mdp.reachable[mdp.choice_state]
     of_complete = complete[mdp.choice_state]
     is_end = align_actions(mdp, (END_ACTION,))[mdp.choice_action] == 0
@@ -101,7 +101,7 @@ def _check_complete_states(mdp: TabularMDP, complete: Bools) -> None:
 
 
 def _canonical_rows(mdp: TabularMDP, kept: Bools, valuations: Ints, variable_names: tuple[str, ...]) -> Ints:
-    """int64 [number of kept states], where each stands among the canonical valuations."""
+    """Return int64 [number of kept states], the place of each among the canonical valuations."""
     flagged = FLAG_VARIABLE in mdp.variable_names and FLAG_VARIABLE not in variable_names
     columns = align_variables(mdp, (*variable_names, FLAG_VARIABLE) if flagged else variable_names)
     states = np.flatnonzero(kept)
@@ -118,7 +118,7 @@ def _canonical_rows(mdp: TabularMDP, kept: Bools, valuations: Ints, variable_nam
 
 
 def _canonical_actions(mdp: TabularMDP, kept: Bools, action_names: tuple[str, ...]) -> Ints:
-    """int64 [C], the declared number of each choice's action; checked where states are kept."""
+    """Return int64 [C], the declared number of each choice's action; checked where states are kept."""
     if END_ACTION in action_names:
         raise ModelError(f"action {END_ACTION!r} is reserved, it must not be declared")
     action = align_actions(mdp, action_names)[mdp.choice_action]
@@ -130,7 +130,7 @@ def _canonical_actions(mdp: TabularMDP, kept: Bools, action_names: tuple[str, ..
 
 
 def _transitions(mdp: TabularMDP, choices: Ints, row: Ints, absorbing: int) -> dict[str, Any]:
-    """Pointers and branches over the canonical rows, `end` last.
+    """Build pointers and branches over the canonical rows, `end` last.
 
     Args:
         mdp: the model.
@@ -164,7 +164,7 @@ def _transitions(mdp: TabularMDP, choices: Ints, row: Ints, absorbing: int) -> d
 
 
 def _sums(values: Floats, first: Ints) -> Floats:
-    """Sums of the runs of `values` that begin at `first`."""
+    """Sum the runs of `values` that begin at `first`."""
     sums: Floats = np.add.reduceat(values, first) if len(first) else np.zeros(0)
     return sums
 

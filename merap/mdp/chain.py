@@ -1,4 +1,4 @@
-"""The Markov chain that a policy makes of an MDP."""
+"""Build the Markov chain that an MDP becomes under a policy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from merap.mdp.umb_encoding import CHAIN_ACTION
 
 
 def induced_chain(mdp: TabularMDP, policy: Floats) -> TabularMDP:
-    """The induced Markov chain, as an MDP with one choice per state.
+    """Return the induced Markov chain, as an MDP with one choice per state.
 
     Its transition matrix is `transitions` ([S, S] in effect, D @ P with D the policy's
     weights of the choices), its expected rewards are `choice_reward`.
@@ -26,8 +26,8 @@ def induced_chain(mdp: TabularMDP, policy: Floats) -> TabularMDP:
         policy: float [S, A], as for `merap.mdp.evaluation.choice_weights`.
 
     Returns:
-        A model with the states, labels and valuations of the MDP. Rows of what the MDP
-        can't reach are empty; `reachable` is what the policy reaches.
+        A model with the states, labels and valuations of the MDP. Rows of states that the MDP
+        can't reach are empty; `reachable` marks the states that the policy reaches.
 
     Raises:
         ModelError: the policy isn't a distribution over the enabled actions.
@@ -61,14 +61,14 @@ def induced_chain(mdp: TabularMDP, policy: Floats) -> TabularMDP:
 def write_induced_chain(
     mdp: TabularMDP, policy: Floats, path: Path, *, reward: str = "objective", overwrite: bool = False
 ) -> None:
-    """Writes the induced chain, restricted to what the policy reaches, as a UMB Markov chain.
+    """Write the induced chain, restricted to states that the policy reaches, as a UMB Markov chain.
 
     Args:
         mdp: the model.
         policy: float [S, A].
-        path: where to.
-        reward: the name of the rewards there.
-        overwrite: replace what is there.
+        path: the file to write.
+        reward: the name of the rewards in it.
+        overwrite: replace a file that is there.
 
     Raises:
         ModelError: the policy isn't a distribution over the enabled actions.

@@ -1,4 +1,4 @@
-"""Compares two models of the same thing: states by valuation, actions by name."""
+"""Compare two models: states by valuation, actions by name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PER_KIND = 3  # differences of one kind that are described
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two models have in common, over their reachable states.
+    """The result of comparing two models over their reachable states.
 
     Attributes:
         same_states: each reachable valuation of one is one of the other.
@@ -45,14 +45,14 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether there is no difference beyond the tolerances."""
+        """Tell whether there is no difference beyond the tolerances."""
         return not self.differences
 
     def require_same(self) -> None:
-        """Does nothing if the models are the same.
+        """Refuse models that are not the same.
 
         Raises:
-            ModelError: they differ; tells how.
+            ModelError: they differ; the message lists the differences.
         """
         if self.differences:
             raise ModelError("the models differ: " + "; ".join(self.differences))
@@ -60,11 +60,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class _Side:
-    """One of the two models on the common numbers of states and actions.
+    """One of the two models, on the common numbers of states and actions.
 
     Attributes:
         state: int64 [S], the common number of a reachable state; -1 for another.
-        present: bool [U], which of the U common states it has.
+        present: bool [U], whether it has each of the U common states.
         key: int64 [choices], common state * A + common action, of reachable choices.
         reward: float64 [choices].
         transitions: float64 [choices, U] sparse.
@@ -81,7 +81,7 @@ class _Side:
 
 @dataclass(frozen=True)
 class _Names:
-    """Words for common numbers of states and of choices (state * A + action)."""
+    """Describes common numbers of states and of choices (state * A + action) in words."""
 
     variables: tuple[str, ...]
     actions: tuple[str, ...]
@@ -99,7 +99,7 @@ class _Names:
 def compare(
     a: TabularMDP, b: TabularMDP, probability_tolerance: float = 1e-12, reward_tolerance: float = 1e-9
 ) -> Comparison:
-    """Compares two models over their reachable states.
+    """Compare two models over their reachable states.
 
     Args:
         a: the first model.
@@ -110,7 +110,7 @@ def compare(
         reward_tolerance: largest difference of an expected reward that counts as none.
 
     Raises:
-        ModelError: a variable exists only in one of both.
+        ModelError: a variable exists only in one of the two.
     """
     state_a, state_b, valuations = _common_states(a, b)
     actions = a.action_names + tuple(name for name in b.action_names if name not in a.action_names)
@@ -153,12 +153,12 @@ def compare(
     )
 
 
-def _pair_text(what: str, one: Floats, other: Floats, index: int) -> str:
-    return f"{what} {one[index]} in the first, {other[index]} in the second"
+def _pair_text(noun: str, one: Floats, other: Floats, index: int) -> str:
+    return f"{noun} {one[index]} in the first, {other[index]} in the second"
 
 
 def _common_states(a: TabularMDP, b: TabularMDP) -> tuple[Ints, Ints, Ints]:
-    """Common numbers of the states of both, -1 for unreachable ones; int64 [U, V] valuations."""
+    """Return common numbers of the states of both, -1 for unreachable ones; int64 [U, V] valuations."""
     columns = align_variables(b, a.variable_names)
     of_a, of_b = np.flatnonzero(a.reachable), np.flatnonzero(b.reachable)
     place = match_rows(columns[of_b], a.valuations[of_a])

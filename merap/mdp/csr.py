@@ -1,4 +1,4 @@
-"""Operations on the rows of a compressed sparse array: row s is `values[pointers[s]:pointers[s + 1]]`."""
+"""Work on compressed sparse rows (CSR): row s is `values[pointers[s]:pointers[s + 1]]`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Ints = npt.NDArray[np.int64]
 
 
 def pointers_of(lengths: Ints) -> Ints:
-    """Pointers of rows with these lengths.
+    """Return the pointers of rows with these lengths.
 
     Args:
         lengths: int64 [S].
@@ -22,7 +22,7 @@ def pointers_of(lengths: Ints) -> Ints:
 
 
 def ragged_indices(pointers: Ints, rows: Ints) -> Ints:
-    """The indices of all entries of some rows, row by row.
+    """Return the indices of all entries of some rows, row by row.
 
     Args:
         pointers: int64 [S + 1].
@@ -39,13 +39,13 @@ def ragged_indices(pointers: Ints, rows: Ints) -> Ints:
 
 
 def row_best(values: Floats, pointers: Ints, *, maximise: bool, empty: float = 0.0) -> Floats:
-    """The largest (or smallest) entry of each row.
+    """Return the largest (or smallest) entry of each row.
 
     Args:
         values: float64 [C].
         pointers: int64 [S + 1].
         maximise: largest or smallest.
-        empty: what an empty row gives.
+        empty: the result for an empty row.
 
     Returns:
         float64 [S].
@@ -59,7 +59,7 @@ def row_best(values: Floats, pointers: Ints, *, maximise: bool, empty: float = 0
 
 
 def first_match(values: Floats, wanted: Floats, row_of: Ints) -> Ints:
-    """The first entry of each row that equals what is wanted of the row.
+    """Find the first entry of each row that equals the value wanted of the row.
 
     Args:
         values: float64 [C].

@@ -1,13 +1,12 @@
-"""How much two models of a case differ: `eq:diff` of the paper.
+"""Measure how much two models of a case differ: `eq:diff` of the paper.
 
-The equation sums over all (s, a, s'). What a model does not define counts as zero there: a
-choice it does not have has T = 0 and r = 0, and so has a successor of probability 0. Both
-terms are then squared Euclidean distances of vectors, each sees all choices of either model,
-and 0 means the same model.
+The equation sums over all (s, a, s'). A choice that a model does not have counts as T = 0 and
+r = 0, and so does a successor of probability 0. Both terms are then squared Euclidean distances
+of vectors over the choices of either model, and 0 means that the models are the same.
 
-Rewards per branch are compared where all models at hand have them. Where one knows only its
-expected rewards, as everything that comes from Storm does, r(s, a) is compared instead, once
-for each (s, a); the two kinds of number must not be mixed in one ranking.
+Rewards per branch are compared where all models at hand have them. Where one has only expected
+rewards, as all models from Storm do, r(s, a) is compared instead, once for each (s, a); the two
+kinds of numbers must not be mixed in one ranking.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from merap.mdp.model import Floats, Ints, TabularMDP
 
 @dataclass(frozen=True)
 class Difference:
-    """`eq:diff` between two models, and its terms.
+    """The value of `eq:diff` for two models, and its terms.
 
     Attributes:
         total: w1 * transition + w2 * reward.
         transition: sum of (T_R(s, a, s') - T_i(s, a, s'))^2.
         reward: sum of (r_R - r_i)^2 over (s, a, s'), or over (s, a).
-        per_branch: whether rewards are those of (s, a, s').
+        per_branch: whether the rewards compared are those of (s, a, s').
     """
 
     total: float
@@ -39,7 +38,7 @@ class Difference:
 
 
 def model_difference(system: TabularMDP, model: TabularMDP, w1: float = 1.0, w2: float = 1.0) -> Difference:
-    """The difference of one model from the system.
+    """Return the difference of one model from the system.
 
     Args:
         system: M_R, on the canonical index of a case.
@@ -57,7 +56,7 @@ def model_difference(system: TabularMDP, model: TabularMDP, w1: float = 1.0, w2:
 def differences(
     system: TabularMDP, models: Mapping[str, TabularMDP], w1: float = 1.0, w2: float = 1.0
 ) -> dict[str, Difference]:
-    """The difference of each model from the system, all with the same kind of reward.
+    """Return the difference of each model from the system, all with the same kind of reward.
 
     Args:
         system: M_R, on the canonical index of a case.
@@ -75,7 +74,7 @@ def differences(
 def nearest(
     system: TabularMDP, models: Mapping[str, TabularMDP], w1: float = 1.0, w2: float = 1.0
 ) -> tuple[str, Difference]:
-    """The model that differs least from the system, the minimum in `eq:diff`.
+    """Find the model that differs least from the system, the minimum in `eq:diff`.
 
     Args:
         system: M_R, on the canonical index of a case.
@@ -121,17 +120,17 @@ def _check_one_index(system: TabularMDP, model: TabularMDP) -> None:
 
 
 def _choice_keys(mdp: TabularMDP) -> Ints:
-    """int64 [C], one number per (s, a)."""
+    """Return int64 [C], one number per (s, a)."""
     return mdp.choice_state * mdp.num_actions + mdp.choice_action
 
 
 def _branch_keys(mdp: TabularMDP) -> Ints:
-    """int64 [B], one number per (s, a, s')."""
+    """Return int64 [B], one number per (s, a, s')."""
     return _choice_keys(mdp)[mdp.branch_choice] * mdp.num_states + mdp.branch_target
 
 
 def _squared_distance(one: tuple[Ints, Floats], other: tuple[Ints, Floats]) -> float:
-    """Squared distance of two sparse vectors, each distinct keys and their values."""
+    """Return the squared distance of two sparse vectors, each given by distinct keys and their values."""
     keys = np.concatenate((one[0], other[0]))
     values = np.concatenate((one[1], -other[1]))
     order = np.argsort(keys)

@@ -1,4 +1,4 @@
-"""Maximal end components: the parts of an MDP that a policy need never leave."""
+"""Find maximal end components, the parts of an MDP that a policy need never leave."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from merap.mdp.model import Bools, Ints, TabularMDP
 
 
 def maximal_end_components(mdp: TabularMDP, within: Bools) -> tuple[Ints, Bools]:
-    """The maximal end components among some states (de Alfaro 1997, section 3.3).
+    """Find the maximal end components among some states (de Alfaro 1997, section 3.3).
 
     Choices that leave their strongly connected component are dropped until none does.
 
@@ -37,7 +37,7 @@ def maximal_end_components(mdp: TabularMDP, within: Bools) -> tuple[Ints, Bools]
 
 
 def _leads(mdp: TabularMDP, branches: Bools) -> Bools:
-    """bool [C], the choices that have one of the branches (bool [B])."""
+    """Return bool [C], the choices that have one of the branches (bool [B])."""
     return np.bincount(mdp.branch_choice[branches], minlength=mdp.num_choices) > 0
 
 

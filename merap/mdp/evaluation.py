@@ -1,4 +1,4 @@
-"""What a given policy is worth: exact, by recursion over the steps that remain."""
+"""Evaluate a given policy exactly, by recursion over the steps that remain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _POLICY_TOLERANCE = 1e-6
 
 
 def choice_weights(mdp: TabularMDP, policy: Floats) -> Floats:
-    """With what probability a policy takes each choice in its state.
+    """Return the probability that a policy takes each choice in its state.
 
     Args:
         mdp: the model.
@@ -42,11 +42,11 @@ def choice_weights(mdp: TabularMDP, policy: Floats) -> Floats:
 
 
 def policy_values(mdp: TabularMDP, policy: Floats, horizon: int, discount: float = 1.0) -> Floats:
-    """The expected return of a stochastic policy from every state and time.
+    """Return the expected return of a stochastic policy from every state and time.
 
     Args:
         mdp: the model.
-        policy: float [S, A], or float [T, S, A] with what to do at time t; rows as in
+        policy: float [S, A], or float [T, S, A], one policy per time; rows as in
             `choice_weights`.
         horizon: T, the number of steps.
         discount: in [0, 1].
@@ -69,19 +69,19 @@ def policy_values(mdp: TabularMDP, policy: Floats, horizon: int, discount: float
 
 
 def expected_return(mdp: TabularMDP, policy: Floats, horizon: int, discount: float = 1.0) -> float:
-    """The expected return of a policy from the initial distribution; see `policy_values`."""
+    """Return the expected return of a policy from the initial distribution; see `policy_values`."""
     return initial_value(mdp, policy_values(mdp, policy, horizon, discount)[0])
 
 
 def as_policy(mdp: TabularMDP, actions: Ints) -> Floats:
-    """Deterministic actions as a policy.
+    """Turn deterministic actions into a policy.
 
     Args:
         mdp: the model.
         actions: int64 [..., S], indices of actions; -1 where there is none.
 
     Returns:
-        float64 [..., S, A], 1 at the action and else 0.
+        float64 [..., S, A], 1 at the action and 0 elsewhere.
     """
     indicator: Floats = (actions[..., np.newaxis] == np.arange(mdp.num_actions)).astype(np.float64)
     return indicator

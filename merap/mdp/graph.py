@@ -1,4 +1,4 @@
-"""What follows from the graph of an MDP alone: reachability, restriction, qualitative sets."""
+"""Analyse the graph of an MDP: reachability, restriction, sets of probability 0 and 1."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from merap.mdp.model import Bools, Ints, TabularMDP
 def reachable_states(
     state_to_choice: Ints, choice_to_branch: Ints, branch_target: Ints, sources: Bools
 ) -> Bools:
-    """The states some choices lead to from the sources, sources included.
+    """Return the states that choices lead to from the sources, sources included.
 
     Args:
         state_to_choice: int64 [S + 1], pointers.
@@ -28,7 +28,7 @@ def reachable_states(
 
 
 def states_reaching(mdp: TabularMDP, target: Bools, choices: Bools, blocked: Bools | None = None) -> Bools:
-    """The states from which some of the given choices can lead to the target, target included.
+    """Return the states from which some of the given choices can lead to the target, target included.
 
     Args:
         mdp: the model.
@@ -46,7 +46,7 @@ def states_reaching(mdp: TabularMDP, target: Bools, choices: Bools, blocked: Boo
 
 
 def reachable_along(source: Ints, target: Ints, roots: Bools) -> Bools:
-    """The nodes that edges lead to from the roots, roots included.
+    """Return the nodes that edges lead to from the roots, roots included.
 
     Args:
         source: int64 [E], where each edge begins; in any order.
@@ -62,7 +62,7 @@ def reachable_along(source: Ints, target: Ints, roots: Bools) -> Bools:
 
 
 def _closure(pointers: Ints, successors: Ints, sources: Bools) -> Bools:
-    """What breadth-first search finds in the graph with rows `successors[pointers[s]:pointers[s + 1]]`."""
+    """Search breadth-first in the graph with rows `successors[pointers[s]:pointers[s + 1]]`."""
     size = len(sources)
     roots = np.flatnonzero(sources)
     # A further node leads to all sources, so that one search serves them all.
@@ -77,7 +77,7 @@ def _closure(pointers: Ints, successors: Ints, sources: Bools) -> Bools:
 
 
 def attractor(mdp: TabularMDP, target: Bools) -> Bools:
-    """The states from which every policy reaches the target with positive probability.
+    """Return the states from which every policy reaches the target with positive probability.
 
     Complement of the set Prob0E (Baier and Katoen 2008, section 10.6.1): a
     state joins when each of its choices has a branch into the set.
@@ -108,7 +108,7 @@ def attractor(mdp: TabularMDP, target: Bools) -> Bools:
 
 
 def surely_reaching(mdp: TabularMDP, target: Bools) -> Bools:
-    """The states from which some policy reaches the target with probability 1.
+    """Return the states from which some policy reaches the target with probability 1.
 
     The set Prob1E (Baier and Katoen 2008, section 10.6.1): the largest set
     whose states reach the target through choices that never leave the set.
@@ -130,7 +130,7 @@ def surely_reaching(mdp: TabularMDP, target: Bools) -> Bools:
 
 
 def restrict_to_reachable(mdp: TabularMDP) -> TabularMDP:
-    """The same model without its unreachable states, the others in their order.
+    """Return the model without its unreachable states, the others in their order.
 
     Args:
         mdp: any model, such as one on a canonical index with empty rows.

@@ -1,4 +1,4 @@
-"""A model as a Gymnasium environment, and its registration.
+"""Wrap a model as a Gymnasium environment, and register it.
 
 Importing this module registers `merap/Tabular-v0`, so that also
 `gymnasium.make("merap.mdp.gymnasium_env:merap/Tabular-v0", mdp=mdp, horizon=18)` works.
@@ -27,10 +27,10 @@ TABULAR_ID = "merap/Tabular-v0"
 
 
 class MDPEnv(gymnasium.Env[Any, Any]):
-    """One episode of a model after the other, by Gymnasium's interface.
+    """A model as a Gymnasium environment, one episode after the other.
 
     An action is a number into `action_names` (without `end`). `info["action_mask"]`, int8
-    [A], tells which are enabled; another one raises InputError, so choose by
+    [A], marks the enabled ones; another one raises InputError, so choose by
     `env.action_space.sample(info["action_mask"])`. The same holds for Gymnasium's checker,
     which draws without a mask: give it a model that enables every action.
 
@@ -106,12 +106,12 @@ class MDPEnv(gymnasium.Env[Any, Any]):
         return self._observation(), reward, terminated, truncated, self._info()
 
     def action_masks(self) -> Bools:
-        """bool [A], where an action is enabled now (the name that sb3-contrib's masked learners call)."""
+        """Return bool [A], the actions enabled now (sb3-contrib's masked learners call this name)."""
         mask: Bools = self._simulator.choice[self._state] >= 0
         return mask
 
     def render(self) -> str:
-        """`step 3: (row=1, col=2), after right, reward -0.5`.
+        """Describe the state in one line: `step 3: (row=1, col=2), after right, reward -0.5`.
 
         Raises:
             InputError: the render mode isn't `ansi`.
@@ -139,7 +139,7 @@ class MDPEnv(gymnasium.Env[Any, Any]):
         return choice
 
     def _observation(self) -> Any:
-        # A copy: what the caller keeps must not change, nor must the table.
+        # A copy, so that neither the caller's observation nor the table can change.
         return self._table[self._state].copy()
 
     def _info(self) -> dict[str, npt.NDArray[np.int8]]:
@@ -165,7 +165,7 @@ def register_mdp(name: str, mdp: TabularMDP, horizon: int | None = None) -> str:
         raise InputError(f"there is an environment {env_id} already")
     check_horizon(horizon)
 
-    # Functions, since Gymnasium copies what is registered as an argument with every `make`.
+    # Functions, since Gymnasium copies a registered argument with every `make`.
     def make_env(**arguments: Any) -> MDPEnv:
         return MDPEnv(mdp, **arguments)
 

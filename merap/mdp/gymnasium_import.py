@@ -38,8 +38,8 @@ def import_gymnasium(env: str | gymnasium.Env[Any, Any], **kwargs: Any) -> Tabul
         kwargs: arguments of `gymnasium.make`, if it is an id.
 
     Raises:
-        InputError: there is no such environment; it has no `P` or no `initial_state_distrib`, does
-            what `P` doesn't tell, has spaces of other sizes, or a wrapper may change them.
+        InputError: there is no such environment; it has no `P` or no `initial_state_distrib`, has
+            dynamics that `P` leaves out or spaces of other sizes, or a wrapper may change them.
         ModelError: the table is no MDP; names state and action.
     """
     if isinstance(env, str):

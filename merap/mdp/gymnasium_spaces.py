@@ -1,6 +1,6 @@
-"""Gymnasium itself, which is an optional extra, the spaces of a model, and which wrappers keep spaces.
+"""Import Gymnasium, an optional extra; build the spaces of a model; find wrappers that change states.
 
-The other modules take Gymnasium from here, so that its absence is told in one way.
+The other modules take Gymnasium from here, so that one message tells that it is missing.
 Axes: S states, V variables.
 """
 
@@ -75,7 +75,7 @@ def _keeps_spaces(wrapper: gymnasium.Wrapper[Any, Any, Any, Any]) -> bool:
 
 
 def observation_table(mdp: TabularMDP, kind: ObservationKind) -> npt.NDArray[Any]:
-    """Build the table of what is observed in each state.
+    """Build the table of the observations of all states.
 
     Args:
         mdp: the model.

@@ -1,4 +1,4 @@
-"""Many episodes of one or several models at once, by Gymnasium's vector interface.
+"""Wrap one or several models as a Gymnasium vector environment, for many episodes at once.
 
 Axes: N models, B environments, S states, A actions.
 """
@@ -131,7 +131,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return self._observations(self._state), reward, terminated, truncated, infos
 
     def action_masks(self) -> Bools:
-        """bool [B, A], where an action is enabled now."""
+        """Return bool [B, A], the actions that are enabled now."""
         return self._action_mask[self._started()].astype(np.bool_)
 
     def _started(self) -> Ints:
@@ -154,7 +154,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return mask
 
     def _choices(self, actions: npt.NDArray[Any]) -> Ints:
-        """int64 [B], what is chosen; an arbitrary choice where the action is ignored."""
+        """Return int64 [B], the choices taken; an arbitrary one where the action is ignored."""
         state = self._started()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             ended = int(np.flatnonzero(self._over)[0])
@@ -174,7 +174,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return np.maximum(choice, 0)
 
     def _checked(self, actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The actions [B], 0 where they are ignored."""
+        """Check the actions and return them, [B], 0 where they are ignored."""
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise InputError(
                 f"actions must be integers [{self.num_envs}], not {actions.dtype} {list(actions.shape)}"
@@ -189,7 +189,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return taken
 
     def _restart_now(self) -> dict[str, Any]:
-        """Begins the next episodes of those that are over; the infos of their last states."""
+        """Begin the next episode where one is over; return the infos of the last states."""
         over = self._over
         if not over.any():
             return {}
@@ -213,7 +213,7 @@ class MDPVectorEnv(gymnasium.vector.VectorEnv[npt.NDArray[Any], Any, npt.NDArray
         return observed
 
     def _infos(self, state: Ints, mask: Bools) -> dict[str, Any]:
-        """The action masks of some environments in Gymnasium's form: 0 for the others."""
+        """Return the action masks of some environments in Gymnasium's form: 0 for the others."""
         action_mask = self._action_mask[state]
         return {
             "action_mask": action_mask if mask.all() else action_mask * mask[:, np.newaxis],

@@ -1,4 +1,4 @@
-"""Rows of integers as single keys, so that states are matched by valuation without a loop."""
+"""Turn rows of integers into single keys, to match states by valuation without a loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _KEY_SPACE = 2**62
 
 
 def row_keys(*tables: Ints) -> tuple[Ints, ...]:
-    """One integer per row: equal exactly where rows are equal, across all tables.
+    """Return one integer per row, equal exactly where rows are equal, across all tables.
 
     Rows are read as numbers in a mixed radix; where 62 bits are too few for that, the keys
     are ranks among the sorted distinct rows. Keys mean nothing beyond one call.
@@ -43,7 +43,7 @@ def _stacked_keys(stacked: Ints) -> Ints:
 
 
 def match_rows(rows: Ints, table: Ints) -> Ints:
-    """Where each row stands in a table of distinct rows.
+    """Find each row in a table of distinct rows.
 
     Args:
         rows: int64 [M, V].
@@ -56,7 +56,7 @@ def match_rows(rows: Ints, table: Ints) -> Ints:
 
 
 def match_keys(keys: Ints, table: Ints) -> Ints:
-    """Where each key stands in a table of distinct keys.
+    """Find each key in a table of distinct keys.
 
     Args:
         keys: int64 [M].
@@ -74,7 +74,7 @@ def match_keys(keys: Ints, table: Ints) -> Ints:
 
 
 def first_repeat(keys: Ints) -> tuple[int, int] | None:
-    """Indices (earlier, later) of two equal entries; None if all differ.
+    """Return the indices (earlier, later) of two equal entries; None if all differ.
 
     Args:
         keys: int64 [M].

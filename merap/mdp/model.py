@@ -1,4 +1,4 @@
-"""An explicit Markov decision process in compressed sparse rows, as UMB has it.
+"""Define an explicit Markov decision process in compressed sparse rows (CSR), as UMB has it.
 
 Axes: S states, C choices (a state and one of its actions), B branches (a choice and one
 of its successors), A action names, V variables.
@@ -96,22 +96,22 @@ class TabularMDP:
 
     @property
     def num_states(self) -> int:
-        """S."""
+        """The number of states, S."""
         return len(self.state_to_choice) - 1
 
     @property
     def num_choices(self) -> int:
-        """C."""
+        """The number of choices, C."""
         return len(self.choice_to_branch) - 1
 
     @property
     def num_branches(self) -> int:
-        """B."""
+        """The number of branches, B."""
         return len(self.branch_target)
 
     @property
     def num_actions(self) -> int:
-        """A."""
+        """The number of actions, A."""
         return len(self.action_names)
 
     @cached_property
@@ -133,7 +133,7 @@ class TabularMDP:
 
     @cached_property
     def mean_branch_reward(self) -> Floats:
-        """float64 [B], r(s, a, s') where it is known, else what the choice earns on average."""
+        """float64 [B], r(s, a, s') where it is known, else the expected reward of the choice."""
         return self.choice_reward[self.branch_choice] if self.branch_reward is None else self.branch_reward
 
     @cached_property
@@ -152,12 +152,12 @@ class TabularMDP:
         )
 
     def describe_state(self, state: int) -> str:
-        """`(row=3, col=4)`: the valuation of a state, for messages."""
+        """Describe a state by its valuation, for messages: `(row=3, col=4)`."""
         pairs = zip(self.variable_names, self.valuations[state], strict=True)
         return "(" + ", ".join(f"{name}={value}" for name, value in pairs) + ")"
 
     def describe_choice(self, choice: int) -> str:
-        """`(row=3, col=4), action up`: state and action of a choice, for messages."""
+        """Describe a choice by state and action, for messages: `(row=3, col=4), action up`."""
         state = self.describe_state(int(self.choice_state[choice]))
         return f"{state}, action {self.action_names[self.choice_action[choice]] or '(unnamed)'}"
 
@@ -242,13 +242,13 @@ def _check_states(mdp: TabularMDP) -> None:
 
 
 def check_pointers(name: str, pointers: Ints, end: int) -> None:
-    """Raises ModelError unless int64 `pointers` rise from 0 to `end`."""
+    """Raise ModelError unless int64 `pointers` rise from 0 to `end`."""
     if len(pointers) == 0 or pointers[0] != 0 or pointers[-1] != end or np.any(np.diff(pointers) < 0):
         raise ModelError(f"{name} must rise from 0 to {end}")
 
 
 def check_range(name: str, indices: Ints, size: int) -> None:
-    """Raises ModelError unless int64 `indices` are in 0..size - 1."""
+    """Raise ModelError unless int64 `indices` are in 0..size - 1."""
     if len(indices) and (indices.min() < 0 or indices.max() >= size):
         raise ModelError(f"{name} holds {indices.min()}..{indices.max()}, allowed is 0..{size - 1}")
 

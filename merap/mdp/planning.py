@@ -1,4 +1,4 @@
-"""Optimal values and policies of a known MDP: the oracle that learners are measured against.
+"""Compute optimal values and policies of a known MDP, the oracle that learners are measured against.
 
 Values are expected sums of discounted rewards. The end of a task needs no special case: it
 is an absorbing state whose only choice earns 0.
@@ -22,7 +22,7 @@ _HALVINGS = 60
 
 @dataclass(frozen=True)
 class FiniteHorizonPlan:
-    """A best (or worst) policy for T steps and what it is worth.
+    """A best (or worst) policy for T steps and its value.
 
     Attributes:
         value: expected return from the initial distribution.
@@ -38,13 +38,13 @@ class FiniteHorizonPlan:
 
 @dataclass(frozen=True)
 class DiscountedPlan:
-    """A best (or worst) stationary policy for an unbounded time and what it is worth.
+    """A best (or worst) stationary policy for an unbounded time and its value.
 
     Attributes:
         value: expected discounted return from the initial distribution.
         values: float64 [S].
         actions: int64 [S], as in `FiniteHorizonPlan`.
-        error: no value is further off than this, rounding included.
+        error: bound on the error of every value, rounding included.
     """
 
     value: float
@@ -54,7 +54,7 @@ class DiscountedPlan:
 
 
 def choice_values(mdp: TabularMDP, values: Floats, discount: float = 1.0) -> Floats:
-    """What each choice is worth if its successors are worth `values`.
+    """Return the value of each choice, given the values of its successors.
 
     Args:
         mdp: the model.
@@ -69,14 +69,14 @@ def choice_values(mdp: TabularMDP, values: Floats, discount: float = 1.0) -> Flo
 
 
 def initial_value(mdp: TabularMDP, values: Floats) -> float:
-    """The mean of float64 [S] values over the initial distribution."""
+    """Return the mean of float64 [S] values over the initial distribution."""
     return float(mdp.initial @ values)
 
 
 def backward_induction(
     mdp: TabularMDP, horizon: int, discount: float = 1.0, *, maximise: bool = True
 ) -> FiniteHorizonPlan:
-    """The best (or worst) time-indexed policy (Puterman 2005, section 4.5).
+    """Compute the best (or worst) time-indexed policy (Puterman 2005, section 4.5).
 
     Args:
         mdp: the model.
@@ -94,12 +94,12 @@ def backward_induction(
 
 
 def optimum(mdp: TabularMDP, horizon: int, discount: float = 1.0) -> float:
-    """The value of the best time-indexed policy over `horizon` steps, from the initial states."""
+    """Return the value of the best time-indexed policy over `horizon` steps, from the initial states."""
     return _extreme_value(mdp, horizon, discount, maximise=True)
 
 
 def worst_value(mdp: TabularMDP, horizon: int, discount: float = 1.0) -> float:
-    """The value of the worst time-indexed policy over `horizon` steps, from the initial states."""
+    """Return the value of the worst time-indexed policy over `horizon` steps, from the initial states."""
     return _extreme_value(mdp, horizon, discount, maximise=False)
 
 
@@ -113,7 +113,7 @@ def _extreme_value(mdp: TabularMDP, horizon: int, discount: float, *, maximise: 
 def _sweeps(
     mdp: TabularMDP, count: int, discount: float, *, maximise: bool
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Values of choices [C] and of states [S] with 1, 2, ... steps to go."""
+    """Yield the values of choices [C] and of states [S] with 1, 2, ... steps to go."""
     values = np.zeros(mdp.num_states)
     for _ in range(count):
         of_choices = choice_values(mdp, values, discount)
@@ -129,7 +129,7 @@ def _chosen_actions(mdp: TabularMDP, of_choices: Floats, of_states: Floats) -> I
 def value_iteration(
     mdp: TabularMDP, discount: float, precision: float = 1e-9, *, maximise: bool = True
 ) -> DiscountedPlan:
-    """The best (or worst) discounted value over an unbounded time.
+    """Compute the best (or worst) discounted value over an unbounded time.
 
     Stops by MacQueen's bounds: after a sweep that changed the values by between `low` and
     `high`, the solution lies between values + low * g and values + high * g with
@@ -164,7 +164,7 @@ def value_iteration(
 
 
 def _sweep_rounding(mdp: TabularMDP, values: Floats) -> float:
-    """By how much rounding can falsify one sweep over `values`: sums of K products and a reward."""
+    """Bound the rounding error of one sweep over `values`: sums of K products and a reward."""
     terms = int(np.diff(mdp.choice_to_branch).max()) + 3
     scale = float(np.abs(values).max() + np.abs(mdp.choice_reward).max())
     return float(np.finfo(np.float64).eps) * terms * scale

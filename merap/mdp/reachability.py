@@ -1,4 +1,4 @@
-"""Maximal and minimal probability of reaching a set of states."""
+"""Compute the maximal and minimal probability of reaching a set of states."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ZERO, _ONE = 0, 1  # classes of the quotient that are decided by the graph
 
 @dataclass(frozen=True)
 class ReachabilityBounds:
-    """Certain bounds on a probability, up to rounding.
+    """Certain bounds on the probability from each state, up to rounding.
 
     Attributes:
         lower: float64 [S].
@@ -30,14 +30,14 @@ class ReachabilityBounds:
 
     @property
     def middle(self) -> Floats:
-        """float64 [S], off by at most half the distance of the bounds."""
+        """float64 [S], with an error of at most half the distance of the bounds."""
         middle: Floats = (self.lower + self.upper) / 2
         return middle
 
 
 @dataclass(frozen=True)
 class _Quotient:
-    """States in classes: surely 0, surely 1, then end components and single states.
+    """The states in classes: surely 0, surely 1, then end components and single states.
 
     Attributes:
         of_state: int64 [S], the class of a state.
@@ -51,12 +51,12 @@ class _Quotient:
 
 
 def bounded_reachability(mdp: TabularMDP, target: Bools, steps: int, *, maximise: bool = True) -> Floats:
-    """The extreme probability of reaching the target within some steps, exactly.
+    """Return the extreme probability of reaching the target within some steps, exactly.
 
     Args:
         mdp: the model.
         target: bool [S].
-        steps: how many steps may be taken.
+        steps: the number of steps that may be taken.
         maximise: maximal or minimal.
 
     Returns:
@@ -77,7 +77,7 @@ def reachability(
     precision: float = 1e-9,
     max_sweeps: int = 1_000_000,
 ) -> ReachabilityBounds:
-    """The extreme probability of ever reaching the target, by interval iteration.
+    """Bound the extreme probability of ever reaching the target, by interval iteration.
 
     Probabilities 0 and 1 come from the graph. For the maximum, end components are merged
     into single states, without which the upper bound need not converge (Haddad and
@@ -87,8 +87,8 @@ def reachability(
         mdp: the model.
         target: bool [S].
         maximise: maximal or minimal.
-        precision: how far the bounds may be apart.
-        max_sweeps: after how many sweeps to give up.
+        precision: the largest distance of the bounds that is allowed.
+        max_sweeps: the number of sweeps after which to give up.
 
     Raises:
         EngineError: the bounds are still further apart than `precision`.
@@ -110,7 +110,7 @@ def reachability(
 
 
 def _decided_by_graph(mdp: TabularMDP, target: Bools, *, maximise: bool) -> tuple[Bools, Bools]:
-    """bool [S] each: where the extreme probability is 0, where it is 1."""
+    """Return bool [S] twice: the states of extreme probability 0, and those of 1."""
     every_choice = np.ones(mdp.num_choices, dtype=np.bool_)
     if maximise:
         return ~states_reaching(mdp, target, every_choice), surely_reaching(mdp, target)

@@ -1,4 +1,4 @@
-"""Models of one case laid out for sampling steps: one draw and a few gathers for any number of episodes.
+"""Lay out the models of one case for sampling: a step of any number of episodes is a draw and some gathers.
 
 Axes: N models, B episodes side by side, S states, A actions without `end`.
 """
@@ -33,7 +33,7 @@ class CategoricalSampler:
     last: Ints
 
     def draw(self, row: Ints | int, uniform: Floats | float) -> Ints:
-        """An entry of each row by inversion.
+        """Draw an entry of each row by inversion.
 
         Args:
             row: int64 [B].
@@ -78,7 +78,7 @@ class Simulator:
     action_names: tuple[str, ...]
 
     def first_states(self, model: Ints | int, uniform: Floats | float) -> Ints:
-        """int64 [B], initial states of models int64 [B] by draws float64 [B] in [0, 1)."""
+        """Draw int64 [B], initial states of the models int64 [B], by float64 [B] uniform in [0, 1)."""
         first: Ints = self.start[self.starts.draw(model, uniform)]
         return first
 
@@ -167,7 +167,7 @@ def _completed(model: TabularMDP) -> Bools:
 
 
 def _choice_table(model: TabularMDP, num_actions: int, base: int) -> Ints:
-    """int64 [S, A], numbers of choices from `base` on; -1 where there is none."""
+    """Return int64 [S, A], numbers of choices from `base` on; -1 where there is none."""
     names = _acting_names(model)
     column = np.array([names.index(name) if name in names else -1 for name in model.action_names])
     going = ~_completed(model)[model.choice_state]
@@ -177,7 +177,7 @@ def _choice_table(model: TabularMDP, num_actions: int, base: int) -> Ints:
 
 
 def _categorical_sampler(pointers: Ints, prob: Floats) -> CategoricalSampler:
-    """Rows of float64 probabilities, none of them empty."""
+    """Build a sampler from rows of float64 probabilities, none of them empty."""
     row = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
     cumulated = np.cumsum(prob)
     before = np.append(0.0, cumulated)[pointers[:-1]]

@@ -60,10 +60,10 @@ def write_umb(
 
     Args:
         mdp: a model whose states all have a choice (see `restrict_to_reachable`).
-        path: where to; an uncompressed tar file.
-        reward: the name of its rewards there.
+        path: the file to write, an uncompressed tar file.
+        reward: the name of the rewards in it.
         as_chain: write a Markov chain; every state must have exactly one choice.
-        overwrite: replace what is there.
+        overwrite: replace a file that is there.
 
     Raises:
         ModelError: a state has no choice, or several although `as_chain`; a label is

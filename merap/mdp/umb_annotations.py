@@ -1,4 +1,4 @@
-"""Read what a UMB archive says of states, choices and branches: initial states, labels, rewards.
+"""Read initial states, labels and rewards from a UMB archive.
 
 Axes as in `model.py`: S states, C choices, B branches.
 """

@@ -42,7 +42,7 @@ class Archive:
     complete: bool
 
     def has(self, name: str) -> bool:
-        """Tell whether an entry is there that the format allows to leave out.
+        """Tell whether an entry is there; the format must allow to leave it out.
 
         Raises:
             InputError: it is absent, and the end of the file is missing.

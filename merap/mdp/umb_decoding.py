@@ -93,7 +93,7 @@ def _check_kind(archive: Archive, system: TransitionSystem) -> None:
 
 
 def _check_players(archive: Archive, system: TransitionSystem, rows: _Rows) -> None:
-    """Refuse states of players that there are not, and a Markov chain that leaves a choice."""
+    """Refuse states of players that do not exist, and several choices where there is no player."""
     if "state-to-player.bin" in archive.entries:
         player = archive.numbers("state-to-player.bin", system.num_states)
         check_range("state-to-player.bin", player, system.num_players)

@@ -14,7 +14,7 @@ from merap.errors import InputError
 
 FORMAT_VERSION: Literal[1] = 1
 
-# A group of annotations that other tools pass over, for what UMB has no place for.
+# A group of annotations that other tools pass over, for data that UMB has no place for.
 OWN_GROUP = "merap"
 INITIAL_DISTRIBUTION = "initial-distribution"
 BRANCH_REWARD = "branch-reward"
@@ -92,7 +92,7 @@ class Annotation(_Record):
 
 
 class Variable(_Record):
-    """A bit field of a packed valuation: its value is what is stored plus `offset`."""
+    """A bit field of a packed valuation: its value is the stored number plus `offset`."""
 
     name: str
     type: ValueType

@@ -1,4 +1,4 @@
-"""Read and pack state valuations as UMB has them: bit fields in little-endian records of whole bytes.
+"""Read and pack state valuations, which UMB keeps as bit fields in little-endian records of whole bytes.
 
 Axes: S states, V variables.
 """
@@ -85,9 +85,9 @@ def _records(
 def _check_supported(variable: Variable, source: str) -> None:
     kind, bits = variable.type.type, variable.type.size
     if kind not in {"bool", "int", "uint"} or bits > 64 or variable.is_optional:
-        what = f"{'optional ' if variable.is_optional else ''}{kind} of {bits} bits"
+        kind_text = f"{'optional ' if variable.is_optional else ''}{kind} of {bits} bits"
         raise InputError(
-            f"state variable {variable.name!r} is {what}; allowed are bool, int and uint up to 64",
+            f"state variable {variable.name!r} is {kind_text}; allowed are bool, int and uint up to 64",
             source=source,
         )
 
