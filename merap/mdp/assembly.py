@@ -107,11 +107,13 @@ def merge_branches(
     Returns:
         The four arrays with the branches that remain.
     """
+    keep = np.flatnonzero(prob)
+    if not np.all(prob >= 0):
+        return choice_to_branch, target, prob, reward
     num_choices = len(choice_to_branch) - 1
     choice = np.repeat(np.arange(num_choices), np.diff(choice_to_branch))  # [B]
     key = choice * num_states + target
-    keep = np.flatnonzero(prob)
-    if not np.all(prob >= 0) or (len(keep) == len(prob) and first_repeat(key) is None):
+    if len(keep) == len(prob) and first_repeat(key) is None:
         return choice_to_branch, target, prob, reward
     _, first, inverse = np.unique(key[keep], return_index=True, return_inverse=True)
     order = np.argsort(first)
