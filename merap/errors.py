@@ -58,3 +58,8 @@ class StorageError(MerapError):
     """The knowledge base can't be reached, read or written; what was committed is still there."""
 
     exit_code: ClassVar[int] = 3
+
+
+def quoted_if_odd(name: str) -> str:
+    """Return a name for messages, quoted and escaped if a character of it can't be printed."""
+    return name if name.isprintable() else repr(name)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from merap.errors import ModelError
+from merap.errors import ModelError, quoted_if_odd
 from merap.mdp.matching import first_repeat, row_keys
 
 Floats = npt.NDArray[np.float64]
@@ -154,12 +154,13 @@ class TabularMDP:
     def describe_state(self, state: int) -> str:
         """Describe a state by its valuation, for messages: `(row=3, col=4)`."""
         pairs = zip(self.variable_names, self.valuations[state], strict=True)
-        return "(" + ", ".join(f"{name}={value}" for name, value in pairs) + ")"
+        return "(" + ", ".join(f"{quoted_if_odd(name)}={value}" for name, value in pairs) + ")"
 
     def describe_choice(self, choice: int) -> str:
         """Describe a choice by state and action, for messages: `(row=3, col=4), action up`."""
         state = self.describe_state(int(self.choice_state[choice]))
-        return f"{state}, action {self.action_names[self.choice_action[choice]] or '(unnamed)'}"
+        action = quoted_if_odd(self.action_names[self.choice_action[choice]])
+        return f"{state}, action {action or '(unnamed)'}"
 
 
 _DTYPES: dict[str, type[np.generic]] = {

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from merap.errors import InputError
+from merap.errors import InputError, quoted_if_odd
 
 FORMAT_VERSION: Literal[1] = 1
 
@@ -151,7 +151,7 @@ def parse_index(content: bytes, source: str) -> Index:
         return Index.model_validate_json(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        key = ".".join(("index.json", *map(str, first["loc"])))
+        key = ".".join(("index.json", *(quoted_if_odd(str(part)) for part in first["loc"])))
         raise InputError(first["msg"], source=source, key=key) from error
 
 

@@ -91,6 +91,7 @@ VARIABLES = ("valuations", "states", "classes", 0, "variables")
         (changed((SYSTEM, "#choice-actions"), 3), r"string-mapping\.bin has 24 bytes, not 32"),
         (changed((SYSTEM, "#choice-actions"), 0), r"values\.bin is there, but #choice-actions is 0"),
         (changed((SYSTEM, "#players"), 0), r"a state has 2 choices, but there is no player"),
+        (changed(("annotations", "a\nb"), 0), r"annotations\.'a\\nb': Input should"),
         (changed((SYSTEM, "player-names"), ["one", "two"]), r"2 player names, but 1 players"),
         (entry("state-to-player.bin", bytes([1, 0, 0, 0] * 4)), r"state-to-player\.bin holds 1..1"),
         (entry("state-to-player.bin", bytes(4)), r"state-to-player\.bin has 4 bytes, not 16"),
@@ -191,6 +192,14 @@ def test_an_entry_that_may_be_lost_is_not_taken_for_absent(tmp_path: Path, where
         data[start] ^= 1  # its check sum is wrong now, and all that follows is passed over
     with pytest.raises(InputError, match=r"the file is cut off or damaged, .*\.bin may be lost"):
         read_umb(saved(tmp_path / "mdp.umb", bytes(data)), reward="r")
+
+
+def test_a_name_with_a_line_break_does_not_break_the_message(tmp_path: Path) -> None:
+    index, entries = standard_example()
+    entries["actions/choices/strings.bin"] = b"a\n"
+    entries["branch-to-probability.bin"] = doubles(0.5, 0.5, 0.3, 0.8, 0.9, 0.1, 1, 1)
+    with pytest.raises(ModelError, match=r"\(x=0, b=0\), action '\\n': probabilities sum to 1.1"):
+        read_umb(saved(tmp_path / "mdp.umb", tar_bytes(index, entries)), reward="r")
 
 
 def test_the_sizes_that_an_index_names_are_not_allocated(tmp_path: Path) -> None:
