@@ -4,6 +4,6 @@
 case does not wait for torch.
 """
 
-from merap.lazy import exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,6 +3,6 @@
 `__init__.pyi` lists the public names, which are imported when first used.
 """
 
-from merap.lazy import exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
