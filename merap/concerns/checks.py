@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
-from merap.concerns.expressions import Constant, evaluate, variables
+from merap.concerns.expressions import Column, Constant, Scope, evaluate, variables
 from merap.concerns.frame import Frame
 from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
@@ -56,7 +55,7 @@ class DistributionCheck:
             with self.frame.document.at("capability", "actions", action.name):
                 found = evaluate(outcome.probability, steps.scope)
             prob = np.broadcast_to(found, total.shape).astype(np.float64)
-            outside = np.flatnonzero(~((prob >= -ROW_SUM_TOLERANCE) & (prob <= 1 + ROW_SUM_TOLERANCE)))
+            outside = np.flatnonzero(~((prob >= 0) & (prob <= 1 + ROW_SUM_TOLERANCE)))
             if len(outside):
                 problem = f"an outcome has the probability {prob[outside[0]]:.10g}, not in [0, 1],"
                 raise self._error(action, steps, int(outside[0]), problem, pair)
@@ -81,7 +80,7 @@ class _Steps:
 
     here: Ints
     mode: Ints
-    scope: Mapping[str, npt.NDArray[Any]]
+    scope: Scope
 
 
 def _steps(
@@ -105,13 +104,11 @@ def _reads_successor(action: ExternalAction) -> bool:
     return any(name.endswith("'") for name in read)
 
 
-def _scope(
-    attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints
-) -> dict[str, npt.NDArray[Any]]:
-    scope: dict[str, npt.NDArray[Any]] = {"mode": mode}
+def _scope(attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints) -> Scope:
+    scope = {"mode": Column.of(mode)}
     for attribute in attributes:
-        scope[attribute.name] = attribute.readings[here]
-        scope[f"{attribute.name}'"] = attribute.readings[there]
+        scope[attribute.name] = attribute.column[here]
+        scope[f"{attribute.name}'"] = attribute.column[there]
     return scope
 
 

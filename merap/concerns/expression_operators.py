@@ -1,4 +1,4 @@
-"""What the operators of expressions do, exactly on fractions and on whole arrays.
+"""The operators of expressions on fractions and truth values.
 
 `?:` is not here: only the side that is taken is computed.
 """
@@ -8,16 +8,13 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from functools import reduce
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from merap.errors import InputError
 
 MAX_EXPONENT = 64
 MAX_BITS = 1000
+MAX_DENOMINATOR = 10**9  # of a root that is recognised as rational
 
 
 def bounded(value: Fraction) -> Fraction:
@@ -77,35 +74,20 @@ EXACT: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def _divide_arrays(left: npt.NDArray[Any], right: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    if np.any(right == 0):
-        raise InputError("division by zero for some attribute values")
-    return np.asarray(left / right)
+def _nearest_power(base: Fraction, exponent: Fraction) -> Fraction:
+    """Return a power; a root that is no rational number as the nearest double."""
+    if exponent.denominator == 1 or abs(exponent) > MAX_EXPONENT:
+        return _power(base, exponent)
+    if base < 0 or (base == 0 and exponent < 0):
+        raise InputError(f"pow({base}, {exponent}) is not a real number")
+    try:
+        nearest = Fraction(float(base) ** float(exponent))
+    except OverflowError as error:
+        raise InputError(f"a number is beyond {MAX_BITS} bits") from error
+    root = nearest.limit_denominator(MAX_DENOMINATOR)
+    is_exact = exponent.denominator <= MAX_EXPONENT and root**exponent.denominator == base**exponent.numerator
+    return root if is_exact else nearest
 
 
-def _power_arrays(base: npt.NDArray[Any], exponent: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    if np.any(np.abs(exponent) > MAX_EXPONENT):
-        raise InputError(f"an exponent is beyond {MAX_EXPONENT} for some attribute values")
-    return np.asarray(np.power(base.astype(np.float64), exponent.astype(np.float64)))
-
-
-def _modulo_arrays(left: npt.NDArray[Any], right: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    if np.any(right == 0):
-        raise InputError("mod by zero for some attribute values")
-    return np.asarray(left % right)
-
-
-ARRAYS: Mapping[str, Callable[..., Any]] = {
-    **EXACT,
-    "=>": lambda a, b: np.logical_or(np.logical_not(a), b),
-    "|": np.logical_or,
-    "&": np.logical_and,
-    "!": np.logical_not,
-    "/": _divide_arrays,
-    "min": lambda *a: reduce(np.minimum, a),
-    "max": lambda *a: reduce(np.maximum, a),
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "pow": _power_arrays,
-    "mod": _modulo_arrays,
-}
+# The same for values that attributes decide, where roots are allowed.
+NEAREST: Mapping[str, Callable[..., Any]] = {**EXACT, "pow": _nearest_power}

@@ -1,23 +1,21 @@
-"""Expressions in PRISM's syntax: parse, check, fold, evaluate on arrays, render.
+"""Expressions in PRISM's syntax: parse, check, fold, evaluate, render.
 
 Variables are attributes (`light`), the mode (`mode`), and the same of the successor with a
 prime (`light'`, `mode'`). Parameters and names of modes are constants that `fold` puts in.
-Numbers are exact fractions until they are evaluated.
+Numbers are exact fractions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from fractions import Fraction
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from lark import Token, Transformer, UnexpectedInput, UnexpectedToken, v_args
 from lark.exceptions import VisitError
 
+from merap.concerns.expression_folding import fold
 from merap.concerns.expression_grammar import ARITIES, parser
-from merap.concerns.expression_operators import ARRAYS, EXACT, bounded
+from merap.concerns.expression_operators import bounded
 from merap.concerns.expression_text import render, render_constant
 from merap.concerns.expression_tree import (
     Constant,
@@ -29,14 +27,18 @@ from merap.concerns.expression_tree import (
     exact,
     variables,
 )
+from merap.concerns.expression_values import Column, Levels, Scope, evaluate, tabulate
 from merap.concerns.names import suggestion
 from merap.errors import InputError
 
 __all__ = [
+    "Column",
     "Constant",
     "Expression",
     "Kind",
+    "Levels",
     "Operation",
+    "Scope",
     "Value",
     "Variable",
     "check",
@@ -46,6 +48,7 @@ __all__ = [
     "parse",
     "render",
     "render_constant",
+    "tabulate",
     "variables",
 ]
 
@@ -186,75 +189,3 @@ def _require(expression: Operation, found: Collection[Kind], expected: Kind) -> 
             symbol = "-" if expression.operator == "neg" else expression.operator
             text = _around(render(expression), 1)
             raise InputError(f"{symbol!r} in {text} needs a {expected} where there is a {kind}")
-
-
-def fold(expression: Expression, constants: Mapping[str, Value]) -> Expression:
-    """Put constants in and compute every part that has no variable left, exactly.
-
-    Raises:
-        InputError: division by zero, or a power that is not rational.
-    """
-    if isinstance(expression, Variable):
-        return Constant(constants[expression.name]) if expression.name in constants else expression
-    if isinstance(expression, Constant):
-        return expression
-    if expression.operator == "?:":
-        return _fold_choice(expression.arguments, constants)
-    arguments = tuple(fold(argument, constants) for argument in expression.arguments)
-    values = [argument.value for argument in arguments if isinstance(argument, Constant)]
-    if len(values) < len(arguments):
-        return Operation(expression.operator, arguments)
-    value = EXACT[expression.operator](*values)
-    return Constant(value if isinstance(value, bool) else bounded(value))
-
-
-def _fold_choice(arguments: tuple[Expression, ...], constants: Mapping[str, Value]) -> Expression:
-    """Fold only the side that is taken, once that is known."""
-    condition = fold(arguments[0], constants)
-    if isinstance(condition, Constant):
-        return fold(arguments[1 if condition.value else 2], constants)
-    return Operation("?:", (condition, fold(arguments[1], constants), fold(arguments[2], constants)))
-
-
-def evaluate(expression: Expression, scope: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Evaluate over arrays that broadcast; bool or float64.
-
-    Of a `?:` each side is evaluated only where it is taken.
-
-    Raises:
-        InputError: a division by zero, or a result that is not finite.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = _evaluate(expression, scope)
-    if values.dtype != np.bool_ and not np.all(np.isfinite(values)):
-        raise InputError(f"{_around(render(expression), 1)} is not a finite number for some attribute values")
-    return values
-
-
-def _evaluate(expression: Expression, scope: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    match expression:
-        case Constant(value):
-            return np.asarray(value if isinstance(value, bool) else float(value))
-        case Variable(name):
-            return np.asarray(scope[name])
-        case Operation("?:", (condition, taken, other)):
-            return _choose(_evaluate(condition, scope), taken, other, scope)
-        case Operation(symbol, arguments):
-            return np.asarray(ARRAYS[symbol](*(_evaluate(argument, scope) for argument in arguments)))
-
-
-def _choose(
-    condition: npt.NDArray[Any], taken: Expression, other: Expression, scope: Mapping[str, npt.NDArray[Any]]
-) -> npt.NDArray[Any]:
-    read = {variable.name for side in (taken, other) for variable in variables(side)}
-    arrays = {name: np.asarray(scope[name]) for name in read}
-    shape = np.broadcast_shapes(condition.shape, *(array.shape for array in arrays.values()))
-    mask = np.broadcast_to(condition, shape)
-    sides = []
-    for side, where in ((taken, mask), (other, ~mask)):
-        part = {name: np.broadcast_to(array, shape)[where] for name, array in arrays.items()}
-        sides.append((where, np.broadcast_to(_evaluate(side, part), int(np.count_nonzero(where)))))
-    result = np.empty(shape, dtype=np.result_type(*(values.dtype for _, values in sides)))
-    for where, values in sides:
-        result[where] = values
-    return result

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from merap.concerns.expression_values import Column
 from merap.mdp.model import Bools, Floats, Ints
 
 
@@ -31,9 +32,9 @@ class Attribute:
     values: Floats
 
     @cached_property
-    def readings(self) -> Bools | Floats:
-        """[P], what expressions read: truth values of a `bool`, else numbers."""
-        return self.values.astype(np.bool_) if self.kind == "bool" else self.values
+    def column(self) -> Column:
+        """What expressions read at the P locations: truth values of a `bool`, else exact decimals."""
+        return Column.of(self.values.astype(np.bool_) if self.kind == "bool" else self.values)
 
 
 @dataclass(frozen=True)

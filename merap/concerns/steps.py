@@ -5,17 +5,14 @@ Axes: P locations, Q modes, B steps. State (p, q) has index p * Q + q.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.expressions import Expression, evaluate
+from merap.concerns.expressions import Column, Expression, evaluate, variables
 from merap.mdp.model import Bools, Floats, Ints
-
-Scope = Mapping[str, npt.NDArray[Any]]
 
 
 class Steps:
@@ -60,7 +57,8 @@ class Steps:
 
     def _evaluated(self, expression: Expression, mask: Bools) -> npt.NDArray[Any]:
         """The value in the steps of `mask` alone: elsewhere it may be a division by zero."""
-        return evaluate(expression, {name: column[mask] for name, column in self.scope.items()})
+        read = {variable.name for variable in variables(expression)}
+        return evaluate(expression, {name: self.scope[name][mask] for name in read})
 
 
 def holds_in_states(combination: Combination, condition: Condition) -> Bools:
@@ -69,7 +67,9 @@ def holds_in_states(combination: Combination, condition: Condition) -> Bools:
     return Steps(combination, states, np.zeros_like(states), states).holds(condition)
 
 
-def scope_of(combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints) -> Scope:
+def scope_of(
+    combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
+) -> dict[str, Column]:
     """What expressions read in B steps: attributes and mode, primed of the successor.
 
     Args:
@@ -79,9 +79,8 @@ def scope_of(combination: Combination, here: Ints, mode: Ints, there: Ints, mode
         there: int64 [B], the successor's location.
         mode_there: int64 [B], the successor's mode.
     """
-    scope: dict[str, npt.NDArray[Any]] = {"mode": mode, "mode'": mode_there}
+    scope = {"mode": Column.of(mode), "mode'": Column.of(mode_there)}
     for attribute in combination.environment.attributes:
-        values = attribute.values.astype(np.bool_) if attribute.kind == "bool" else attribute.values
-        scope[attribute.name] = values[here]
-        scope[f"{attribute.name}'"] = values[there]
+        scope[attribute.name] = attribute.column[here]
+        scope[f"{attribute.name}'"] = attribute.column[there]
     return scope

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from merap.concerns.combination import END, Combination, ExternalAction, Outcome
-from merap.concerns.expressions import Constant, evaluate
+from merap.concerns.expressions import evaluate
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, scope_of
 from merap.errors import InputError
@@ -22,9 +22,6 @@ from merap.mdp.assembly import Branches, assemble
 from merap.mdp.graph import reachable_along
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-
-# A computed probability below this is rounding: 1 - 0.9 - 0.1 is -2.8e-17.
-NEGLIGIBLE = 1e-12
 
 
 def synthesise(combination: Combination) -> TabularMDP:
@@ -93,8 +90,6 @@ def _external(combination: Combination) -> Iterator[Columns]:
         for outcome in action.outcomes:
             there = _successor(combination.space, passable, here, outcome)
             prob = np.broadcast_to(evaluate(outcome.probability, scope), here.shape).astype(np.float64)
-            if not isinstance(outcome.probability, Constant):
-                prob = np.where(np.abs(prob) < NEGLIGIBLE, 0.0, prob)
             index = combination.action_names.index(action.name)
             yield _branches(here * num_modes + mode, index, there * num_modes + mode, prob)
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Formula:
-    """`formula name = text;`."""
+    """`formula name = text;`, after a comment that says what it means, if there is one."""
 
     name: str
     text: str
+    meaning: str = ""
 
 
 @dataclass(frozen=True)

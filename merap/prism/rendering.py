@@ -67,7 +67,7 @@ def render_policy(combination: Combination, chain: TabularMDP, title: str) -> st
         space=space_text(of_moves, starts),
         capability=capability_text(of_moves, fixed_start=fixed_start),
         start_key=[] if fixed_start else _start_key(combination),
-        attributes=_named_in(objective, writer.take_attributes()),
+        attributes=_named_in(objective, writer.formulas.take()),
         objective=objective,
         policy=policy_text(combination, chain),
         initial=None if fixed_start else _initial(writer, starts),
@@ -95,7 +95,7 @@ def _render(combination: Combination, starts: Bools, *, with_objective: bool) ->
     fixed_start = int(np.count_nonzero(starts)) == 1
     space = space_text(writer, starts)
     capability = capability_text(writer, fixed_start=fixed_start)
-    attributes = writer.take_attributes()
+    attributes = writer.formulas.take()
     objective = objective_text(writer, fixed_start=fixed_start) if with_objective else None
     return _lines(
         "combination.prism.j2",
@@ -104,7 +104,7 @@ def _render(combination: Combination, starts: Bools, *, with_objective: bool) ->
         space_attributes=attributes,
         capability=capability,
         objective=objective,
-        objective_attributes=writer.take_attributes(),
+        objective_attributes=writer.formulas.take(),
         initial=None if fixed_start else _initial(writer, starts),
     )
 

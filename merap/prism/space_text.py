@@ -71,7 +71,7 @@ def _move_formulas(writer: StepWriter, move: int) -> list[Formula]:
     space = writer.space
     label = space.moves[move]
     is_open = writer.combination.passable[:, move]
-    there = space.valuations[writer.there(move)]
+    there = space.valuations[writer.formulas.there(move)]
     formulas = [Formula(f"open_{label}", bare(predicate(space, is_open)))]
     for name, before, after in zip(space.variable_names, space.valuations.T, there.T, strict=True):
         if not np.array_equal(before, after):

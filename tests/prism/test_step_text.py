@@ -58,35 +58,35 @@ def writer(combination: Combination | None = None) -> StepWriter:
     ],
 )
 def test_expressions(text: str, move: int | None, expected: str) -> None:
-    assert writer().expression(parsed(text), move) == expected
+    assert writer().formulas.number(parsed(text), move) == expected
 
 
 def test_a_mode_that_is_known_is_put_in() -> None:
     text = parsed("mode = 1 & mode' = 2 ? light : 0")
-    assert writer().expression(text, None, before=1, after=2) == "attribute_light"
-    assert writer().expression(text, None, before=1) == "0"
-    assert writer().expression(text, None, before=0, after=2) == "0"
+    assert writer().formulas.number(text, None, before=1, after=2) == "attribute_light"
+    assert writer().formulas.number(text, None, before=1) == "0"
+    assert writer().formulas.number(text, None, before=0, after=2) == "0"
 
 
 def test_attributes_become_formulas_once() -> None:
     steps = writer()
-    steps.expression(parsed("light' + light"), EAST)
+    steps.formulas.number(parsed("light' + light"), EAST)
     # light is 3, 2, 0, 2 at S, A, B, G; east leads to A, B, G and from G nowhere
-    assert steps.take_attributes() == [
+    assert steps.formulas.take() == [
         Formula("attribute_light", "loc=0 ? 3 : loc=2 ? 0 : 2"),
         Formula("attribute_light_east", "loc=1 ? 0 : 2"),
     ]
-    steps.expression(parsed("ice' ? light : 0"), WEST)
+    steps.formulas.number(parsed("ice' ? light : 0"), WEST)
     # west from G is B; S has no way west
-    assert steps.take_attributes() == [Formula("attribute_ice_west", "false")]
-    assert steps.take_attributes() == []
+    assert steps.formulas.take() == [Formula("attribute_ice_west", "false")]
+    assert steps.formulas.take() == []
 
 
 def test_a_blocked_move_reads_the_own_location() -> None:
     blocked = with_environment(graph_combination(), blocked=AT_G)
     steps = writer(blocked)
-    steps.expression(parsed("ice' ? 1 : 0"), EAST)
-    assert steps.take_attributes() == [Formula("attribute_ice_east", "loc=3")]
+    steps.formulas.number(parsed("ice' ? 1 : 0"), EAST)
+    assert steps.formulas.take() == [Formula("attribute_ice_east", "loc=3")]
 
 
 def test_attributes_and_labels_that_make_one_name_are_told_apart() -> None:
@@ -95,10 +95,10 @@ def test_attributes_and_labels_that_make_one_name_are_told_apart() -> None:
     attributes = (Attribute("ice", "bool", 0, 1, low), Attribute("ice_far", "bool", 0, 1, high))
     space = replace(graph.space, moves=("far_east", "east", "across"))
     steps = writer(with_environment(replace(graph, space=space), attributes=attributes))
-    assert steps.expression(parsed("ice'"), 0) == "attribute_ice_far_east"
-    assert steps.expression(parsed("ice_far'"), 1) == "attribute_ice_far_east_"
-    assert steps.expression(parsed("ice'"), 0) == "attribute_ice_far_east"
-    assert [formula.name for formula in steps.take_attributes()] == [
+    assert steps.formulas.number(parsed("ice'"), 0) == "attribute_ice_far_east"
+    assert steps.formulas.number(parsed("ice_far'"), 1) == "attribute_ice_far_east_"
+    assert steps.formulas.number(parsed("ice'"), 0) == "attribute_ice_far_east"
+    assert [formula.name for formula in steps.formulas.take()] == [
         "attribute_ice_far_east",
         "attribute_ice_far_east_",
     ]
@@ -121,21 +121,79 @@ def test_probabilities_of_an_external_action() -> None:
     )
 
 
-def test_arithmetic_that_ends_in_zero_says_so() -> None:
-    # light is 3 at S: 0.4 + 0.2 * 3 is 1 but for rounding, and Storm makes a branch of -1.1e-16
+def test_computed_probabilities_are_tabulated() -> None:
+    # light is 3, 2, 0, 2 at S, A, B, G: 0.4 + 0.2 * 3 is 1, and Storm would make a branch of -1.1e-16
     rest = Outcome(None, parsed("1 - (0.4 + 0.2 * light)"))
     action = ExternalAction("go", (Outcome(EAST, parsed("0.4 + 0.2 * light")), rest), "stay")
-    assert [branch.probability for branch in writer().external(action).branches] == [
-        "(2/5 + 1/5 * attribute_light)",
-        "(loc=0 ? 0 : (1 - (2/5 + 1/5 * attribute_light)))",
+    steps = writer()
+    assert [branch.probability for branch in steps.external(action).branches] == [
+        "attribute_value_1",
+        "attribute_value_2",
+    ]
+    assert steps.formulas.take() == [
+        Formula("attribute_value_1", "loc=0 ? 1 : loc=2 ? 2/5 : 4/5", "2/5 + 1/5 * light"),
+        Formula("attribute_value_2", "loc=0 ? 0 : loc=2 ? 3/5 : 1/5", "1 - (2/5 + 1/5 * light)"),
     ]
 
 
-def test_arithmetic_that_ends_in_zero_in_one_mode_says_so_there() -> None:
-    # external actions are possible in the modes 0 and 2; light is 0 at B
+def test_computed_probabilities_are_tabulated_in_the_modes_that_matter() -> None:
+    # external actions are possible in the modes 0 and 2
     action = ExternalAction("go", (Outcome(EAST, parsed("mode * light / 6")),), "stay")
-    (branch,) = writer().external(action).branches
-    assert branch.probability == "((loc=2 & mode=2) | (mode=0 | mode=1) ? 0 : (mode * attribute_light / 6))"
+    steps = writer()
+    assert steps.external(action).branches == (Branch("attribute_value_1", move=EAST),)
+    (formula,) = steps.formulas.take()
+    assert formula.text == "mode=0 ? 0 : (loc=0 ? 1 : loc=2 ? 0 : 2/3)"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "table"),
+    [
+        # light is 3, 2, 0, 2 at S, A, B, G
+        ("light * 0.1 + 0.2 <= 0.5", "attribute_test_1", "true"),
+        ("light * 0.1 + 0.2 < 0.5", "attribute_test_1", "loc>=1"),
+        ("ice | light / 10 = 0.3", "(attribute_ice | attribute_test_1)", "loc=0"),
+        ("light > 0 & 1 / light < 0.4", "(attribute_light>0 & attribute_test_1)", "loc=0"),
+        ("light + mode * 0.1 > 2.1", "attribute_test_1", "mode=0 | mode=1 ? loc=0 : !(loc=2)"),
+        # whole numbers, and numbers that are rounded once, are compared right
+        ("light * 2 + mode <= 5", "attribute_light * 2 + mode <= 5", None),
+        ("floor(light / 2) = 1", "floor(attribute_light / 2) = 1", None),
+        ("light > 0.3", "attribute_light > 3/10", None),
+        # unless they are too near to each other, or too large
+        ("light > 2.9999999999", "attribute_test_1", "loc=0"),
+        ("light * 1000000000 > 2999999999", "attribute_test_1", "loc=0"),
+        ("light + 9007199254740992 > 9007199254740994", "attribute_test_1", "loc=0"),
+    ],
+)
+def test_engines_decide_no_comparison_of_rounded_numbers(text: str, expected: str, table: str | None) -> None:
+    steps = writer()
+    found = steps.formulas.truth(parsed(text), EAST)
+    tables = [formula.text for formula in steps.formulas.take() if formula.meaning]
+    if table == "true":
+        assert (found, tables) == ("true", [])
+    else:
+        assert (found, tables) == (expected, [table] if table else [])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "table"),
+    [
+        ("-0.5 * light + 1", "((-1/2) * attribute_light + 1)", None),
+        ("floor(light * 0.3 / 0.9)", "attribute_value_1", "loc=0 ? 1 : 0"),
+        ("(light + 9007199254740993) - 9007199254740992", "attribute_value_1", "loc=0 ? 4 : loc=2 ? 1 : 3"),
+        ("mod(light - 3, 0.3)", "attribute_value_1", "loc=0 | loc=2 ? 0 : 1/5"),
+        ("light * 1000000", "(attribute_light * 1000000)", None),
+        ("light * 0.1 * 1000000", "attribute_value_1", "loc=0 ? 300000 : loc=2 ? 0 : 200000"),
+        ("pow(light, 2)", "attribute_value_1", "loc=0 ? 9 : loc=2 ? 0 : 4"),
+    ],
+)
+def test_engines_compute_no_number_that_rounding_can_spoil(
+    text: str, expected: str, table: str | None
+) -> None:
+    steps = writer()
+    assert steps.formulas.number(parsed(text), EAST) == expected
+    assert [formula.text for formula in steps.formulas.take() if formula.meaning] == (
+        [table] if table else []
+    )
 
 
 def test_innate_steps_one_for_each_mode() -> None:

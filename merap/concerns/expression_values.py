@@ -1,0 +1,263 @@
+"""Evaluate expressions exactly, for many steps at once.
+
+An expression is computed once for each distinct combination of the values that it reads: first on
+arrays of 64-bit integers, then, where these would overflow, on arrays of Python's integers, and one by
+one, with `fold`, where the value may be undefined. So no result is rounded before the end, and no
+comparison is decided on a rounded number.
+
+Axes: B steps, L levels of a column, M distinct combinations of levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.concerns.expression_arrays import FUNCTIONS, Numbers, Truths, choose, numbers
+from merap.concerns.expression_folding import fold
+from merap.concerns.expression_operators import NEAREST
+from merap.concerns.expression_tree import Constant, Expression, Operation, Value, Variable, exact, variables
+from merap.errors import InputError
+from merap.mdp.model import Ints
+
+# Integers up to here are doubles, so that their quotient is the double nearest to the fraction.
+EXACT_DOUBLES = 2**53
+# Below that many integers between the least and the greatest, each is a level, and nothing is sorted.
+DENSE = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """The distinct values of a variable, at least one."""
+
+    values: tuple[Value, ...]
+
+    @cached_property
+    def small(self) -> Numbers | Truths:
+        """[L]: the same as arrays of 64-bit integers or truth values."""
+        return self._arrays(np.int64)
+
+    @cached_property
+    def big(self) -> Numbers | Truths:
+        """[L]: the same as arrays of Python's integers or of truth values."""
+        return self._arrays(object)
+
+    def _arrays(self, dtype: type[Any]) -> Numbers | Truths:
+        if isinstance(self.values[0], bool):
+            return Truths(np.array(self.values, dtype=np.bool_), np.array(True))
+        return numbers([Fraction(value) for value in self.values], dtype)
+
+    @cached_property
+    def are_whole(self) -> bool:
+        """Whether all values are whole numbers."""
+        return all(value.denominator == 1 for value in self.values)
+
+    @cached_property
+    def most(self) -> Fraction:
+        """The greatest size of a value."""
+        return Fraction(max(map(abs, self.values)))
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """The values of a variable in B steps.
+
+    Attributes:
+        levels: its L distinct values.
+        codes: int64 [B], which of them it has.
+    """
+
+    levels: Levels
+    codes: Ints
+
+    def __getitem__(self, rows: npt.NDArray[Any]) -> Column:
+        """Return the values in some of the steps: a mask, or their indices."""
+        return Column(self.levels, self.codes[rows])
+
+    @staticmethod
+    def of(array: npt.NDArray[Any]) -> Column:
+        """Return truth values, integers or doubles as a column; a double counts as its shortest decimal."""
+        array = np.asarray(array)
+        if array.dtype == np.bool_:
+            return Column(_TRUTHS, array.astype(np.int64))
+        if array.size == 0:
+            return Column(_NOUGHT, array.astype(np.int64))
+        if array.dtype.kind in "iu":
+            least, greatest = int(array.min()), int(array.max())
+            if greatest - least < DENSE:
+                dense = tuple(Fraction(value) for value in range(least, greatest + 1))
+                return Column(Levels(dense), array.astype(np.int64) - least)
+        distinct, codes = np.unique(array, return_inverse=True)
+        return Column(Levels(tuple(map(exact, distinct.tolist()))), codes.reshape(array.shape))
+
+
+_TRUTHS, _NOUGHT = Levels((False, True)), Levels((Fraction(0),))
+Scope: TypeAlias = Mapping[str, Column | npt.NDArray[Any]]
+
+
+def evaluate(expression: Expression, scope: Scope) -> npt.NDArray[Any]:
+    """Evaluate over columns that broadcast; bool, or the float64 nearest to each number.
+
+    Of a `?:` only the side that is taken has to be defined.
+
+    Raises:
+        InputError: the value is undefined in some step, as after a division by zero.
+    """
+    table = _Table(expression, scope)
+    results = table.rounded()
+    for row in table.left_over:
+        try:
+            value = table.fold(row)
+        except InputError as error:
+            shown = ", ".join(f"{name} = {_shown(value)}" for name, value in table.constants(row).items())
+            message = f"{error.message} for some attribute values ({shown})" if shown else error.message
+            raise InputError(message) from error
+        results[row] = value if isinstance(value, bool) else float(value)
+    return results[table.inverse].reshape(table.shape)
+
+
+def tabulate(expression: Expression, scope: Scope) -> tuple[list[Value | None], Ints]:
+    """Evaluate exactly over columns of one shape.
+
+    Returns:
+        The value for each distinct combination of what is read, None where it is undefined, and for
+        each step which of them it has: int64 of the columns' shape.
+    """
+    table = _Table(expression, scope)
+    values: list[Value | None] = [*table.exact()]
+    for row in table.left_over:
+        try:
+            values[row] = table.fold(row)
+        except InputError:
+            values[row] = None
+    return values, table.inverse.reshape(table.shape)
+
+
+class _Table:
+    """The value of an expression for each distinct combination of what it reads.
+
+    Attributes:
+        shape: of the columns, broadcast.
+        inverse: int64 [B], which combination a step has.
+        left_over: indices of combinations for which arrays do not give the value.
+    """
+
+    def __init__(self, expression: Expression, scope: Scope) -> None:
+        self.expression = expression
+        names = sorted({variable.name for variable in variables(expression)})
+        columns = [
+            column if isinstance(column := scope[name], Column) else Column.of(column) for name in names
+        ]
+        self.shape = np.broadcast_shapes(*(column.codes.shape for column in columns))
+        spread = [np.broadcast_to(column.codes, self.shape).ravel() for column in columns]
+        rows, self.inverse = _distinct(spread, [len(column.levels.values) for column in columns])
+        self._read = {
+            name: (column.levels, codes[rows])
+            for name, column, codes in zip(names, columns, spread, strict=True)
+        }
+        self._count = len(rows)
+        self._small = _compute(expression, self._read, big=False)
+        self._unfit = np.flatnonzero(~np.broadcast_to(self._small.known, self._count))
+        self._big, self.left_over = self._small, self._unfit.tolist()
+        if len(self._unfit):
+            again = {name: (levels, codes[self._unfit]) for name, (levels, codes) in self._read.items()}
+            self._big = _compute(expression, again, big=True)
+            self.left_over = self._unfit[~np.broadcast_to(self._big.known, len(self._unfit))].tolist()
+
+    def rounded(self) -> npt.NDArray[Any]:
+        """[M], bool or the nearest float64; what stands in `left_over` means nothing."""
+        results = np.array(np.broadcast_to(_rounded(self._small), self._count))
+        if len(self._unfit):
+            results[self._unfit] = _rounded(self._big)
+        return results
+
+    def exact(self) -> list[Value]:
+        """The M values; what stands in `left_over` means nothing."""
+        values = _exact(self._small, self._count)
+        if len(self._unfit):
+            for row, value in zip(self._unfit.tolist(), _exact(self._big, len(self._unfit)), strict=True):
+                values[row] = value
+        return values
+
+    def constants(self, row: int) -> dict[str, Value]:
+        """Return what the variables are in a combination."""
+        return {name: levels.values[codes[row]] for name, (levels, codes) in self._read.items()}
+
+    def fold(self, row: int) -> Value:
+        """Return the value in a combination.
+
+        Raises:
+            InputError: it is undefined.
+        """
+        folded = fold(self.expression, self.constants(row), NEAREST)
+        assert isinstance(folded, Constant)
+        return folded.value
+
+
+def _rounded(operand: Numbers | Truths) -> npt.NDArray[Any]:
+    """[M], bool or float64: Python's integers are divided exactly, 64-bit ones where doubles hold them."""
+    if isinstance(operand, Truths):
+        return operand.value
+    num, den = operand.num, operand.den
+    if num.dtype == np.int64 and np.any((np.abs(num) > EXACT_DOUBLES) | (den > EXACT_DOUBLES)):
+        num, den = num.astype(object), den.astype(object)
+    return np.asarray(num / den, dtype=np.float64)
+
+
+def _exact(operand: Numbers | Truths, count: int) -> list[Value]:
+    if isinstance(operand, Truths):
+        return list(np.broadcast_to(operand.value, count).tolist())
+    columns = (np.broadcast_to(part, count).tolist() for part in (operand.num, operand.den))
+    return [Fraction(num, den) for num, den in zip(*columns, strict=True)]
+
+
+def _distinct(columns: Sequence[Ints], sizes: Sequence[int]) -> tuple[Ints, Ints]:
+    """Find the distinct rows of some columns of codes, each code below its column's size.
+
+    Returns:
+        int64 [M], a step of each distinct row, and int64 [B], which of them a step has.
+    """
+    if not columns:
+        return np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    steps = np.arange(len(columns[0]))
+    rows, inverse, count = steps[:1], np.zeros(len(steps), dtype=np.int64), 1
+    for codes, size in zip(columns, sizes, strict=True):
+        joint, possible = inverse * size + codes, count * size
+        if possible > 4 * len(steps) + DENSE:
+            _, rows, inverse = np.unique(joint, return_index=True, return_inverse=True)
+        else:
+            holder = np.full(possible, -1)
+            holder[joint] = steps
+            occurs = holder >= 0
+            rows, inverse = holder[occurs], (np.cumsum(occurs) - 1)[joint]
+        count = len(rows)
+    return rows, inverse
+
+
+def _compute(
+    expression: Expression, read: Mapping[str, tuple[Levels, Ints]], *, big: bool
+) -> Numbers | Truths:
+    """Compute on arrays, for M combinations or, where nothing varies, for one."""
+    match expression:
+        case Constant(value):
+            levels = Levels((value,))
+            return levels.big if big else levels.small
+        case Variable(name):
+            levels, codes = read[name]
+            return (levels.big if big else levels.small)[codes]
+        case Operation("?:", (condition, taken, other)):
+            return choose(*(_compute(part, read, big=big) for part in (condition, taken, other)))
+        case Operation(symbol, arguments):
+            return FUNCTIONS[symbol](*(_compute(argument, read, big=big) for argument in arguments))
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(int(value)) if value.denominator == 1 else f"{float(value):.10g}"
