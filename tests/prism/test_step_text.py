@@ -180,7 +180,7 @@ def test_engines_decide_no_comparison_of_rounded_numbers(text: str, expected: st
         ("-0.5 * light + 1", "((-1/2) * attribute_light + 1)", None),
         ("floor(light * 0.3 / 0.9)", "attribute_value_1", "loc=0 ? 1 : 0"),
         ("(light + 9007199254740993) - 9007199254740992", "attribute_value_1", "loc=0 ? 4 : loc=2 ? 1 : 3"),
-        ("mod(light - 3, 0.3)", "attribute_value_1", "loc=0 | loc=2 ? 0 : 1/5"),
+        ("mod(light - 3, 0.3)", "attribute_value_1", "loc=1 | loc=3 ? 1/5 : 0"),
         ("light * 1000000", "(attribute_light * 1000000)", None),
         ("light * 0.1 * 1000000", "attribute_value_1", "loc=0 ? 300000 : loc=2 ? 0 : 200000"),
         ("pow(light, 2)", "attribute_value_1", "loc=0 ? 9 : loc=2 ? 0 : 4"),

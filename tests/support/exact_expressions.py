@@ -54,7 +54,7 @@ NUMERIC: dict[str, Callable[..., Any]] = {
     "mod({}, 0.3)": lambda a: a - Fraction(3, 10) * math.floor(a / Fraction(3, 10)),
     "mod({}, -2)": lambda a: a + 2 * math.floor(a / -2),
     "pow({}, 2)": lambda a: a**2,
-    "pow({}, 3)": lambda a: a**3,
+    "({0} = 0 ? 0 : pow({0}, -1))": lambda a: a if a == 0 else 1 / a,
     "({0} = 0 ? 1 : 0.3 / {0})": lambda a: Fraction(1) if a == 0 else Fraction(3, 10) / a,
 }
 ORDERS: dict[str, Callable[..., Any]] = {
