@@ -37,7 +37,8 @@ class InputError(MerapError):
         self.line = line
         self.key = key
         place = f"{source}:{line}" if source and line is not None else source
-        super().__init__(": ".join(part for part in (place, key, self.message) if part))
+        text = ": ".join(part for part in (place, key, self.message) if part)
+        super().__init__(" ".join(text.splitlines()))
 
 
 class OutputError(MerapError):

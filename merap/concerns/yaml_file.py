@@ -1,4 +1,4 @@
-"""Read a YAML 1.2 file strictly.
+"""Read YAML 1.2 strictly.
 
 Only what JSON has too is let through: mappings with text keys, sequences, text, numbers,
 truth values and null. Mappings become dicts, sequences tuples. What can go wrong becomes an
@@ -7,14 +7,15 @@ truth values and null. Mappings become dicts, sequences tuples. What can go wron
 
 from __future__ import annotations
 
-import math
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.docinfo import DocInfo
+from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
@@ -25,6 +26,10 @@ MAX_BYTES = 4 * 2**20
 MAX_NODES = 1_000_000
 MAX_NUMBER = 1e15
 MAX_OPEN_BRACKETS = 200
+MAX_DEPTH = 100
+OLD_VERSION = "1.1"
+VERSIONS = (OLD_VERSION, "1.2")
+_WRONG_VERSION = f"YAML: expected version {' or '.join(VERSIONS)}"
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -37,12 +42,30 @@ def read_document(path: Path) -> Document:
     """
     source = str(path)
     content = _read(path)
-    root = _compose(_decode(content, source), source)
-    if root is not None:
-        _check_expansion(root, source)
+    text = _decode(content, source)
+    root = _compose(text, source)
     if not isinstance(root, MappingNode):
         raise InputError("expected a mapping of keys to values at the top level", source=source, line=1)
-    return Document(source, content, root, _Builder(source).build(root))
+    return Document(source, content, root, _Builder(source, _version(text, source)).build(root))
+
+
+def read_value(text: str, source: str, key: str) -> Any:
+    """Parse YAML that stands on the command line; None if it is empty.
+
+    Args:
+        text: of one value.
+        source: where it stands, for messages.
+        key: what it is the value of, for messages.
+
+    Raises:
+        InputError: as `read_document` does.
+    """
+    try:
+        root = _compose(text, source)
+        return None if root is None else _Builder(source, _version(text, source)).build(root)
+    except InputError as error:
+        message = f"{error.message}, got {_shortened(text)!r}"
+        raise InputError(message, source=source, key=key) from error
 
 
 def _read(path: Path) -> bytes:
@@ -79,11 +102,36 @@ def _check_brackets(text: str, source: str) -> None:
             raise InputError(f"YAML: more than {MAX_OPEN_BRACKETS} open brackets", source=source, line=line)
 
 
+def _version(text: str, source: str) -> str:
+    """Return the version of YAML that a text declares.
+
+    Raises:
+        InputError: it is no version that can be read.
+    """
+    for number, line in enumerate(text.splitlines(), 1):
+        if declared := re.match(r"%YAML[ \t]+(\d+\.\d+)(?![\d.])", line):
+            if declared[1] not in VERSIONS:
+                raise InputError(
+                    f"{_WRONG_VERSION}, not {_shortened(declared[1])}", source=source, line=number
+                )
+            return declared[1]
+        if line.strip() and not line.startswith(("%", "#")):
+            break
+    return VERSIONS[-1]
+
+
 def _compose(text: str, source: str) -> Node | None:
+    """Return the graph of nodes, None for an empty text; aliases in it do not expand without end."""
     _check_brackets(text, source)
+    _version(text, source)
     loader = YAML(typ="safe", pure=True)
+    loader.doc_infos.append(DocInfo())
     try:
-        node = loader.compose(text)
+        constructor, _ = loader.get_constructor_parser(text)
+        with warnings.catch_warnings():
+            # An anchor may stand twice; the later one counts.
+            warnings.simplefilter("ignore", ReusedAnchorWarning)
+            node = constructor.composer.get_single_node()
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -95,7 +143,15 @@ def _compose(text: str, source: str) -> Node | None:
         raise InputError(f"YAML: {error}", source=source) from error
     except RecursionError as error:
         raise InputError("YAML: nested too deeply", source=source) from error
-    return node if isinstance(node, Node) else None
+    # The parser lets pass on what `chr` and its own checks of versions raise.
+    except (ValueError, OverflowError, AssertionError) as error:
+        is_version = isinstance(error, AssertionError)
+        message = _WRONG_VERSION if is_version else "YAML: an escape in quotes stands for no character"
+        raise InputError(message, source=source, line=loader.reader.line + 1) from error
+    if node is None:
+        return None
+    _check_expansion(node, source)
+    return node
 
 
 def _children(node: Node) -> list[Node]:
@@ -105,12 +161,13 @@ def _children(node: Node) -> list[Node]:
 
 
 def _check_expansion(root: Node, source: str) -> None:
-    """Refuse aliases that contain themselves or whose expansion is too large.
+    """Refuse aliases that contain themselves, and what is too large or too deep once they are expanded.
 
     Sizes are counted bottom up on the node graph, where an alias is a second edge to one
     node: nothing is expanded.
     """
     sizes: dict[int, int] = {}
+    depths: dict[int, int] = {}
     pending: set[int] = set()
     stack = [(root, False)]
     while stack:
@@ -118,6 +175,10 @@ def _check_expansion(root: Node, source: str) -> None:
         if ready:
             pending.discard(id(node))
             sizes[id(node)] = 1 + sum(sizes[id(child)] for child in _children(node))
+            depths[id(node)] = 1 + max((depths[id(child)] for child in _children(node)), default=0)
+            if depths[id(node)] > MAX_DEPTH:
+                line = node.start_mark.line + 1
+                raise InputError(f"YAML: nested deeper than {MAX_DEPTH} levels", source=source, line=line)
             if sizes[id(node)] > MAX_NODES:
                 raise InputError(
                     f"the aliases below here expand to more than {MAX_NODES} values",
@@ -139,8 +200,9 @@ def _check_expansion(root: Node, source: str) -> None:
 class _Builder:
     """Turn nodes into data; a node that several aliases share is built once."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, version: str) -> None:
         self.source = source
+        self.is_old = version == OLD_VERSION
         self.built: dict[int, Any] = {}
 
     def build(self, node: Node) -> Any:
@@ -155,7 +217,7 @@ class _Builder:
         if isinstance(node, SequenceNode) and tag == "seq":
             return tuple(self.build(child) for child in node.value)
         if isinstance(node, ScalarNode) and tag in _SCALARS:
-            return self._scalar(node, _SCALARS[tag])
+            return self._scalar(node, tag)
         raise self._error(node, f"the YAML tag {tag} is not allowed; put text that looks like one in quotes")
 
     def _mapping(self, node: MappingNode) -> dict[str, Any]:
@@ -170,17 +232,24 @@ class _Builder:
             mapping[key] = self.build(value_node)
         return mapping
 
-    def _scalar(self, node: ScalarNode, read: Callable[[str], Any]) -> Any:
+    def _scalar(self, node: ScalarNode, kind: str) -> Any:
+        text = node.value
         try:
-            value = read(node.value)
+            value = _SCALARS[kind](text)
         except UnicodeDecodeError as error:
             raise self._error(node, "half of a surrogate pair is not text") from error
-        except (ValueError, KeyError, OverflowError) as error:
-            raise self._error(node, f"{_shortened(node.value)!r} can't be read as a number") from error
-        if isinstance(value, int | float) and (not math.isfinite(value) or abs(value) > MAX_NUMBER):
-            raise self._error(
-                node, f"{_shortened(node.value)} is not a number of size at most {MAX_NUMBER:g}"
-            )
+        except (ValueError, KeyError) as error:
+            shown = repr(_shortened(text))
+            if kind == "bool":
+                word = f"a truth value in YAML {OLD_VERSION} only" if self.is_old else "no truth value"
+                message = f"{shown} is {word}; write true or false, or put it in quotes"
+                raise self._error(node, message) from error
+            raise self._error(node, f"{shown} can't be read as a number") from error
+        if kind == "int" and self.is_old and re.match(r"[-+]?0[0-7_]+$", text):
+            message = f"{_shortened(text)} is another number in YAML {OLD_VERSION} than in 1.2"
+            raise self._error(node, f"{message}; write it without the 0 in front")
+        if kind in ("int", "float") and not abs(value) <= MAX_NUMBER:
+            raise self._error(node, f"{_shortened(text)} is not a number of size at most {MAX_NUMBER:g}")
         return value
 
     def _error(self, node: Node, message: str) -> InputError:

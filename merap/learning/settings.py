@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from merap.concerns.document import key_text
 from merap.concerns.names import suggestion
 from merap.concerns.validation import message
-from merap.concerns.yaml_file import read_document
+from merap.concerns.yaml_file import read_document, read_value
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
+
+MAX_SHOWN = 100
 
 
 def read_config(
@@ -36,21 +36,18 @@ def read_config(
     if file is not None:
         settings |= _checked(read_document(file).data, str(file))
     for word in words:
-        settings |= _checked(_parsed(word), f"--set {word}")
+        source = f"--set {word}" if len(word) <= MAX_SHOWN else f"--set {word[:MAX_SHOWN]}..."
+        settings |= _checked(_parsed(word, source), source)
     options = {name: value for name, value in given.items() if value is not None}
     settings |= _checked(options, "options")
     return TrainingConfig.model_validate(settings)
 
 
-def _parsed(word: str) -> Mapping[str, Any]:
+def _parsed(word: str, source: str) -> Mapping[str, Any]:
     key, equals, text = word.partition("=")
     if not equals:
         raise InputError(f"expected key=value, got {word!r}", source="--set")
-    try:
-        return {key: YAML(typ="safe", pure=True).load(text)}
-    # ruamel builds dates with the standard library, which raises ValueError
-    except (YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"the value of {key!r} is not YAML: {text!r}", source="--set") from error
+    return {key: read_value(text, source, key)}
 
 
 def _checked(settings: Mapping[str, Any], source: str) -> Mapping[str, Any]:

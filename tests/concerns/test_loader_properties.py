@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from merap.concerns.case_study import load_case
 from merap.concerns.schema import case_schema
 from merap.concerns.synthesis import synthesise
 from merap.errors import MerapError
+from merap.learning.settings import read_config
+from merap.mapek.scenario import read_scenario
 from tests.support.case_examples import GRAPH, GRID
 
 # The size of the temporary folder does not matter, and machines that run tests may be slow.
@@ -89,6 +92,15 @@ def mutated_cases(draw: st.DrawFn) -> Any:
     return case
 
 
+def refusal(call: Callable[[], Any]) -> str | None:
+    """The message of the `MerapError` that a call raises."""
+    try:
+        call()
+    except MerapError as error:
+        return str(error)
+    return None
+
+
 def load_or_refuse(folder: Path, content: bytes) -> None:
     path = folder / "case.yaml"
     path.write_bytes(content)
@@ -130,6 +142,113 @@ def test_arbitrary_bytes(tmp_path: Path, content: bytes) -> None:
 @given(text=st.text(st.sampled_from("ab: -[]{},&*!|>'\"#%@`\n\t?~01"), max_size=60))
 def test_arbitrary_yaml(tmp_path: Path, text: str) -> None:
     load_or_refuse(tmp_path, text.encode())
+
+
+# What YAML gives a meaning, and what its readers stumble over.
+FRAGMENTS = (
+    *(
+        "a",
+        "b: ",
+        "- ",
+        "? ",
+        ": ",
+        "\n",
+        "\n  ",
+        "\t",
+        '"',
+        "'",
+        "\\",
+        "|",
+        ">-",
+        "&a ",
+        "*a ",
+        "[",
+        "]",
+        "{",
+        "}",
+        ",",
+    ),
+    *(
+        "!",
+        "!!int ",
+        "!!float ",
+        "!!bool ",
+        "!!binary ",
+        "!!set ",
+        "!!omap ",
+        "!<",
+        "!!timestamp ",
+        "!!str ",
+        "<<: ",
+    ),
+    *("%YAML 1.1\n---\n", "%YAML 1.3\n---\n", "%YAML 1." + "9" * 5000 + "\n", "%TAG ! x\n", "---\n", "...\n"),
+    *(
+        '"\\UFFFFFFFF"',
+        '"\\U00110000"',
+        '"\\ud800"',
+        '"\\ud83d\\ude00"',
+        "\\x",
+        "\\N",
+        "#",
+        "@",
+        "`",
+        "=",
+        "~",
+        "%ff",
+    ),
+    *(
+        "9" * 400,
+        "-" + "9" * 5000,
+        "0x" + "f" * 400,
+        "1e999",
+        "-1e999",
+        ".nan",
+        "-.inf",
+        "1_0",
+        "010",
+        "1:30",
+        "0b1",
+    ),
+    *(
+        "on",
+        "yes",
+        "2020-01-01",
+        "2020-99-99",
+        "\u2028",
+        "\x85",
+        "\ufeff",
+        "\r",
+        "\x00",
+        "\x7f",
+        "\U0001f600",
+        "- " * 150,
+    ),
+)
+fragments = st.lists(st.sampled_from(FRAGMENTS), max_size=12).map("".join)
+
+
+@MANY
+@given(text=fragments)
+def test_fragments_of_yaml(tmp_path: Path, text: str) -> None:
+    load_or_refuse(tmp_path, text.encode())
+
+
+@MANY
+@given(key=st.sampled_from(KNOWN_WORDS), text=fragments)
+def test_fragments_in_every_other_file(tmp_path: Path, key: str, text: str) -> None:
+    """Scenarios, files of settings, and settings of the command line."""
+    path = tmp_path / "other.yaml"
+    path.write_text(f"{key}: {text}", encoding="utf-8", newline="")
+    calls: list[tuple[str, Callable[[], Any]]] = [
+        (str(path), lambda: read_scenario(path)),
+        (str(path), lambda: read_config(path, [])),
+        ("--set", lambda: read_config(None, [f"updates={text}"])),
+        ("--set", lambda: read_config(None, [f"hidden={text}"])),
+    ]
+    for source, call in calls:
+        message = refusal(call) or source
+        assert message.startswith(source)
+        assert "\n" not in message
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=["grid", "graph"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.yaml_file import MAX_BYTES, read_document
+from merap.concerns.yaml_file import MAX_BYTES, read_document, read_value
 from merap.errors import InputError
 from tests.support.case_examples import write_case
 
@@ -36,6 +36,32 @@ def billion_laughs(levels: int) -> str:
         (b"case: x\n1: 2\n", 2, "the key '1' is not text; put it in quotes"),
         (b"case: 0x\nspace: 1" + b"0" * 5000, 2, "can't be read as a number"),
         (b"case: 1e400\n", 1, "1e400 is not a number of size at most 1e+15"),
+        (b"case: x\nspace: 1" + b"0" * 399, 2, "is not a number of size at most 1e+15"),
+        (b"case: x\nspace: -0x" + b"f" * 400, 2, "is not a number of size at most 1e+15"),
+        (b"case: .nan\n", 1, ".nan is not a number of size at most 1e+15"),
+        (b"case: -.inf\n", 1, "-.inf is not a number of size at most 1e+15"),
+        (b"# old\n%YAML 1.3\n---\ncase: x\n", 2, "YAML: expected version 1.1 or 1.2, not 1.3"),
+        (b"%YAML 2.0 # new\n---\ncase: x\n", 1, "YAML: expected version 1.1 or 1.2, not 2.0"),
+        (b"%YAML 1." + b"3" * 5000 + b"\n---\ncase: x\n", 1, "YAML: expected version 1.1 or 1.2, not 1.333"),
+        (b"case: x\n...\n%YAML 1.3\n---\na: 1\n", 4, "YAML: expected version 1.1 or 1.2"),
+        (
+            b"%YAML 1.1\n---\ncase: x\nb: on\n",
+            4,
+            "'on' is a truth value in YAML 1.1 only; write true or false",
+        ),
+        (b"%YAML 1.1\n---\ncase: No\n", 3, "'No' is a truth value in YAML 1.1 only"),
+        (b"case: !!bool on\n", 1, "'on' is no truth value; write true or false"),
+        (b"%YAML 1.1\n---\ncase: 010\n", 3, "010 is another number in YAML 1.1 than in 1.2"),
+        (b'case: x\nspace: "\\UFFFFFFFF"\n', 2, "YAML: an escape in quotes stands for no character"),
+        (b'case: x\nspace: "a\n\n  \\U00110000"\n', 4, "YAML: an escape in quotes stands for no character"),
+        (b'case: x\nspace: "\\ud800"\n', 2, "half of a surrogate pair is not text"),
+        (b"case:\n" + b"- " * 300 + b"x", 2, "YAML: nested deeper than 100 levels"),
+        (
+            b"a: &a [x]\n"
+            + b"".join(b"b%d: &b%d [*%s]\n" % (n, n, b"b%d" % (n - 1) if n else b"a") for n in range(150)),
+            100,
+            "YAML: nested deeper than 100 levels",
+        ),
         (b"case: x\nspace: &s\n  again: *s\n", 2, "the anchor 's' contains an alias of itself"),
         (billion_laughs(9).encode(), 6, "expand to more than 1000000 values"),
         (b"a: *b\n", 1, "YAML: found undefined alias 'b'"),
@@ -82,6 +108,19 @@ def test_yaml_1_2_data(tmp_path: Path) -> None:
         "b": {"x": (1,), "y": (1,)},
     }
     assert document.content == text.encode()
+
+
+def test_an_anchor_may_stand_twice(tmp_path: Path) -> None:
+    """YAML 1.2, section 3.2.2.2: an alias is of the most recent one; nothing is printed about it."""
+    path = write_case(tmp_path, "a: &x 1\nb: &x 2\nc: *x\n")
+    assert read_document(path).data == {"a": 1, "b": 2, "c": 2}
+
+
+def test_values_of_the_command_line() -> None:
+    assert read_value("", "--set", "x") is None
+    assert read_value("[64, on]", "--set", "x") == (64, "on")
+    with pytest.raises(InputError, match=r"--set: x: 1{40}\.\.\. is not a number of size at most"):
+        read_value("1" * 400, "--set", "x")
 
 
 def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
