@@ -21,13 +21,14 @@ from merap.concerns.systems import SystemReader
 from merap.concerns.vocabulary import action_names, check_vocabulary, mode_names
 from merap.concerns.warnings import idle_rules, unused_parameters
 from merap.errors import InputError
+from merap.mdp.short_repr import ShortRepr
 
 DEFAULT_LIMIT = 10_000
 _NAMES_TO_COMPARE = 2000
 
 
-@dataclass(frozen=True, eq=False)
-class CaseStudy:
+@dataclass(frozen=True, eq=False, repr=False)
+class CaseStudy(ShortRepr):
     """A case file, resolved.
 
     Attributes:

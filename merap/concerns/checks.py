@@ -16,10 +16,11 @@ from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
+from merap.mdp.short_repr import ShortRepr
 
 
-@dataclass(frozen=True, eq=False)
-class DistributionCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class DistributionCheck(ShortRepr):
     """Refuses external actions whose outcomes are no distribution somewhere.
 
     Call it with an environment and a capability; pairs that agree on all that matters are

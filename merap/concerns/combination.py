@@ -16,6 +16,7 @@ import numpy as np
 from merap.concerns.expressions import Expression
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
+from merap.mdp.short_repr import ShortRepr
 
 END = "end"
 
@@ -23,8 +24,8 @@ END = "end"
 ResetMode = Literal["episodes", "return_to_start", "none"]
 
 
-@dataclass(frozen=True, eq=False)
-class Environment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Environment(ShortRepr):
     """A configuration of the spatial environment.
 
     Attributes:
@@ -42,8 +43,8 @@ class Environment:
     attributes: tuple[Attribute, ...]
 
 
-@dataclass(frozen=True)
-class Outcome:
+@dataclass(frozen=True, repr=False)
+class Outcome(ShortRepr):
     """One thing an external action can lead to.
 
     Attributes:
@@ -56,8 +57,8 @@ class Outcome:
     probability: Expression
 
 
-@dataclass(frozen=True)
-class ExternalAction:
+@dataclass(frozen=True, repr=False)
+class ExternalAction(ShortRepr):
     """An action on the spatial environment (`EA` of the paper, section IV-A).
 
     Attributes:
@@ -71,16 +72,16 @@ class ExternalAction:
     on_blocked: Literal["stay", "disable"]
 
 
-@dataclass(frozen=True)
-class InnateAction:
+@dataclass(frozen=True, repr=False)
+class InnateAction(ShortRepr):
     """A row of delta: mode -> {successor mode: probability}; undefined elsewhere."""
 
     name: str
     transitions: Mapping[int, Mapping[int, Fraction]]
 
 
-@dataclass(frozen=True)
-class Innate:
+@dataclass(frozen=True, repr=False)
+class Innate(ShortRepr):
     """The innate automaton (Definition 2 of the paper); modes are indices.
 
     Attributes:
@@ -105,8 +106,8 @@ class Innate:
         return f"start_{self.name}"
 
 
-@dataclass(frozen=True, eq=False)
-class Capability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Capability(ShortRepr):
     """A configuration of the system's capability.
 
     Attributes:
@@ -136,8 +137,8 @@ class Capability:
         return mask
 
 
-@dataclass(frozen=True, eq=False)
-class Condition:
+@dataclass(frozen=True, eq=False, repr=False)
+class Condition(ShortRepr):
     """A predicate over a step (s, a, s'); what is None holds everywhere.
 
     Attributes:
@@ -157,16 +158,16 @@ class Condition:
     where: Expression | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class RewardRule:
+@dataclass(frozen=True, eq=False, repr=False)
+class RewardRule(ShortRepr):
     """`value` (over attributes and mode) is earned where `condition` is the first to hold."""
 
     condition: Condition
     value: Expression
 
 
-@dataclass(frozen=True, eq=False)
-class Objective:
+@dataclass(frozen=True, eq=False, repr=False)
+class Objective(ShortRepr):
     """A configuration of the user's objective (Definition 3 of the paper).
 
     Attributes:
@@ -194,8 +195,8 @@ class Objective:
     properties: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class Combination:
+@dataclass(frozen=True, eq=False, repr=False)
+class Combination(ShortRepr):
     """One configuration of each concern over a case's space, modes and actions.
 
     Attributes:

@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from merap.concerns.expression_operators import MAX_BITS, MAX_EXPONENT
 from merap.mdp.model import Bools, Ints
+from merap.mdp.short_repr import ShortRepr
 
 LARGEST = 2**62
 
 
-@dataclass(frozen=True, eq=False)
-class Truths:
+@dataclass(frozen=True, eq=False, repr=False)
+class Truths(ShortRepr):
     """Truth values [M], right where `known`."""
 
     value: Bools
@@ -33,8 +34,8 @@ class Truths:
         return Truths(self.value[codes], np.broadcast_to(self.known, self.value.shape)[codes])
 
 
-@dataclass(frozen=True, eq=False)
-class Numbers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Numbers(ShortRepr):
     """Fractions num / den [M] in lowest terms with den >= 1, right where `known`."""
 
     num: Ints

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
+from merap.mdp.short_repr import ShortRepr
+
 Kind: TypeAlias = Literal["bool", "number"]
 Value: TypeAlias = Fraction | bool
 
@@ -26,8 +28,8 @@ class Variable:
     column: int
 
 
-@dataclass(frozen=True)
-class Operation:
+@dataclass(frozen=True, repr=False)
+class Operation(ShortRepr):
     """An operator or function and its arguments."""
 
     operator: str

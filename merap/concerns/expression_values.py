@@ -25,6 +25,7 @@ from merap.concerns.expression_operators import NEAREST
 from merap.concerns.expression_tree import Constant, Expression, Operation, Value, Variable, exact, variables
 from merap.errors import InputError
 from merap.mdp.model import Ints
+from merap.mdp.short_repr import ShortRepr
 
 # Integers up to here are doubles, so that their quotient is the double nearest to the fraction.
 EXACT_DOUBLES = 2**53
@@ -32,8 +33,8 @@ EXACT_DOUBLES = 2**53
 DENSE = 4096
 
 
-@dataclass(frozen=True, eq=False)
-class Levels:
+@dataclass(frozen=True, eq=False, repr=False)
+class Levels(ShortRepr):
     """The distinct values of a variable, at least one."""
 
     values: tuple[Value, ...]
@@ -64,8 +65,8 @@ class Levels:
         return Fraction(max(map(abs, self.values)))
 
 
-@dataclass(frozen=True, eq=False)
-class Column:
+@dataclass(frozen=True, eq=False, repr=False)
+class Column(ShortRepr):
     """The values of a variable in B steps.
 
     Attributes:

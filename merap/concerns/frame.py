@@ -23,12 +23,13 @@ from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.model import Bools
+from merap.mdp.short_repr import ShortRepr
 
 MODE = "mode"
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
+@dataclass(frozen=True, eq=False, repr=False)
+class Frame(ShortRepr):
     """The case's document, space, modes and actions.
 
     Attributes:

@@ -20,12 +20,13 @@ from merap.concerns.parameters import ParameterValue, Values
 from merap.concerns.schema import ParameterType
 from merap.errors import InputError
 from merap.mdp.model import Ints
+from merap.mdp.short_repr import ShortRepr
 
 MAX_LABEL_LENGTH = 80
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
+@dataclass(frozen=True, eq=False, repr=False)
+class Choice(ShortRepr):
     """What one parameter ranges over.
 
     Attributes:
@@ -164,8 +165,8 @@ def rank_of(total: int, positions: Sequence[int]) -> int:
     return rank
 
 
-@dataclass(frozen=True, eq=False)
-class Product:
+@dataclass(frozen=True, eq=False, repr=False)
+class Product(ShortRepr):
     """Every combination of the choices of several parameters, by rank."""
 
     choices: tuple[Choice, ...]

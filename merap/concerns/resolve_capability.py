@@ -17,13 +17,14 @@ from merap.concerns.schema import CapabilitySpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
+from merap.mdp.short_repr import ShortRepr
 
 NO_ENTRY = "no_entry"
 ONE = Constant(Fraction(1))
 
 
-@dataclass(frozen=True, eq=False)
-class OutcomeTemplate:
+@dataclass(frozen=True, eq=False, repr=False)
+class OutcomeTemplate(ShortRepr):
     """One thing an action can lead to, with its place in the file."""
 
     path: KeyPath
@@ -31,8 +32,8 @@ class OutcomeTemplate:
     probability: Expression
 
 
-@dataclass(frozen=True, eq=False)
-class ActionTemplate:
+@dataclass(frozen=True, eq=False, repr=False)
+class ActionTemplate(ShortRepr):
     """An external action before parameters are put in."""
 
     name: str
@@ -41,8 +42,8 @@ class ActionTemplate:
     outcomes: tuple[OutcomeTemplate, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class InnateTemplate:
+@dataclass(frozen=True, eq=False, repr=False)
+class InnateTemplate(ShortRepr):
     """The automaton before parameters are put in; modes are indices."""
 
     requires: Expression

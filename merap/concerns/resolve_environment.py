@@ -19,13 +19,14 @@ from merap.concerns.schema import EnvironmentSpec
 from merap.concerns.schema_base import Box
 from merap.concerns.space import Attribute
 from merap.mdp.model import Bools, Ints
+from merap.mdp.short_repr import ShortRepr
 
 BLOCKED = "blocked"
 BLOCKED_EDGES = "blocked_edges"
 
 
-@dataclass(frozen=True, eq=False)
-class EnvironmentResolver:
+@dataclass(frozen=True, eq=False, repr=False)
+class EnvironmentResolver(ShortRepr):
     """Makes environments from parameter values; call it with a name and values."""
 
     frame: Frame

@@ -18,12 +18,13 @@ from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardS
 from merap.concerns.schema_base import Box, LocationSet
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
+from merap.mdp.short_repr import ShortRepr
 
 GOAL = "goal"
 
 
-@dataclass(frozen=True, eq=False)
-class ConditionTemplate:
+@dataclass(frozen=True, eq=False, repr=False)
+class ConditionTemplate(ShortRepr):
     """A condition before parameters are put in."""
 
     path: KeyPath

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from merap.concerns.resolve_capability import CapabilityResolver
 from merap.concerns.resolve_environment import EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
+from merap.mdp.short_repr import ShortRepr
 
 
-@dataclass(frozen=True, eq=False)
-class Resolvers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Resolvers(ShortRepr):
     """What makes the configurations of each concern."""
 
     environment: EnvironmentResolver

@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 
 from merap.concerns.document import KeyPath
 from merap.concerns.names import IDENTIFIER, suggestion
+from merap.mdp.short_repr import ShortRepr
 
 
 class Spec(BaseModel):
@@ -23,6 +24,9 @@ class Spec(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
     )
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(keys {', '.join(sorted(self.model_fields_set))})"
 
     @model_validator(mode="before")
     @classmethod
@@ -176,8 +180,8 @@ Names = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Setting:
+@dataclass(frozen=True, repr=False)
+class Setting(ShortRepr):
     """A value for some locations, and where it stands below its key."""
 
     at: LocationSet

@@ -11,10 +11,11 @@ import numpy as np
 
 from merap.concerns.expression_values import Column
 from merap.mdp.model import Bools, Floats, Ints
+from merap.mdp.short_repr import ShortRepr
 
 
-@dataclass(frozen=True, eq=False)
-class Attribute:
+@dataclass(frozen=True, eq=False, repr=False)
+class Attribute(ShortRepr):
     """A value at every location (`Atr` of the paper's Definition 1).
 
     Attributes:
@@ -54,8 +55,8 @@ class Detector:
     accuracy: float
 
 
-@dataclass(frozen=True, eq=False)
-class Space:
+@dataclass(frozen=True, eq=False, repr=False)
+class Space(ShortRepr):
     """A location graph (P locations, L edge labels).
 
     Attributes:

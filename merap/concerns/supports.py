@@ -13,6 +13,7 @@ from merap.concerns.combination import Capability, Environment, Objective
 from merap.concerns.generation import Product
 from merap.concerns.parameters import Values, held_locations
 from merap.mdp.model import Ints
+from merap.mdp.short_repr import ShortRepr
 
 Resolved = TypeVar("Resolved")
 
@@ -43,8 +44,8 @@ class Configurations(Protocol):
         """Every location that `parameter` holds in some configuration."""
 
 
-@dataclass(frozen=True)
-class Named:
+@dataclass(frozen=True, repr=False)
+class Named(ShortRepr):
     """Configurations listed in the file."""
 
     names: tuple[str, ...]
@@ -85,8 +86,8 @@ class Named:
         return {location for values in self.listed for location in held_locations(values, parameter)}
 
 
-@dataclass(frozen=True, eq=False)
-class Generated:
+@dataclass(frozen=True, eq=False, repr=False)
+class Generated(ShortRepr):
     """Configurations of a product, or those of them with the ranks `kept` (int64, rising)."""
 
     product: Product
@@ -141,8 +142,8 @@ class Generated:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Support(Generic[Resolved]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Support(ShortRepr, Generic[Resolved]):
     """The finite set of configurations of a concern; each is resolved once, when asked for.
 
     Attributes:
@@ -194,8 +195,8 @@ class Support(Generic[Resolved]):
         return self.configurations.index_of_values(values)
 
 
-@dataclass(frozen=True, eq=False)
-class Supports:
+@dataclass(frozen=True, eq=False, repr=False)
+class Supports(ShortRepr):
     """The configurations of each concern: N environments, M capabilities, K objectives."""
 
     environment: Support[Environment]

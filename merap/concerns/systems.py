@@ -17,12 +17,13 @@ from merap.concerns.parameters import ParameterTypes, Values
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, SystemSpec
 from merap.concerns.supports import Support, Supports
+from merap.mdp.short_repr import ShortRepr
 
 Resolved = TypeVar("Resolved")
 
 
-@dataclass(frozen=True, eq=False)
-class SystemReader:
+@dataclass(frozen=True, eq=False, repr=False)
+class SystemReader(ShortRepr):
     """Makes online systems; values that equal a configuration take its name.
 
     Attributes:

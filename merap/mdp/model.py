@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 
 from merap.errors import ModelError, quoted_if_odd
 from merap.mdp.matching import first_repeat, row_keys
+from merap.mdp.short_repr import ShortRepr
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -26,8 +27,8 @@ Bools = npt.NDArray[np.bool_]
 ROW_SUM_TOLERANCE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class TabularMDP:
+@dataclass(frozen=True, eq=False, repr=False)
+class TabularMDP(ShortRepr):
     """A finite MDP (Puterman 2005, section 2.1); arrays are read-only.
 
     The choices of state s are `state_to_choice[s]:state_to_choice[s + 1]`, the branches of

@@ -1,0 +1,69 @@
+"""Whatever a user may print of a case fits on a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+
+from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.expressions import parse
+from merap.concerns.synthesis import synthesise
+from tests.support.case_examples import GRAPH, write_case
+from tests.support.paths import ROOT
+
+CASES = sorted((ROOT / "models").glob("*/*.yaml"))
+
+
+def parts(value: Any, seen: set[int]) -> Iterator[Any]:
+    """Every record of merap that can be reached from a value by its fields and entries."""
+    if id(value) in seen or isinstance(value, str | bytes | np.ndarray):
+        return
+    seen.add(id(value))
+    if isinstance(value, Mapping):
+        inside = list(value.values())
+    elif isinstance(value, Collection):
+        inside = list(value)[:50]
+    elif is_dataclass(value):
+        yield value
+        inside = [getattr(value, field.name) for field in fields(value)]
+    elif isinstance(value, BaseModel):
+        yield value
+        inside = [part for _, part in value]
+    else:
+        return
+    for part in inside:
+        yield from parts(part, seen)
+
+
+def require_short(case: CaseStudy) -> None:
+    combination = case.combination_at(0)
+    seen: set[int] = set()
+    for root in (case, combination, synthesise(combination)):
+        for part in parts(root, seen):
+            if type(part).__module__.startswith("merap") and type(part).__name__ != "Document":
+                assert len(repr(part)) <= 300, type(part)
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+def test_shipped_cases(path: Any) -> None:
+    if "case:" in path.read_text():
+        require_short(load_case(path))
+
+
+def test_a_graph_with_everything(tmp_path: Any) -> None:
+    case = load_case(write_case(tmp_path, GRAPH))
+    require_short(case)
+    assert repr(case).startswith("CaseStudy(name='small_graph', source=PosixPath(")
+    assert repr(case.space.attributes[0]) == (
+        "Attribute(name='light', kind='int', low=0.0, high=3.0, values=float64[4])"
+    )
+    assert "environment=<Environment open>" in repr(case.combination_at(0))
+
+
+def test_a_long_expression() -> None:
+    assert len(repr(parse(" + ".join(["light"] * 90)))) <= 300
