@@ -11,9 +11,9 @@ import numpy as np
 
 from merap.concerns.checks import DistributionCheck
 from merap.concerns.combination import Capability, Combination, Environment
-from merap.concerns.frame import Frame
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
 from merap.concerns.names import suggestion
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_space import resolve_space
 from merap.concerns.space import Space
 from merap.concerns.supports import Supports
@@ -197,26 +197,26 @@ def load_case(path: str | Path) -> CaseStudy:
     file, document, spec = read_case(Path(path))
     space = resolve_space(document, spec.space)
     check_vocabulary(document, spec, space)
-    frame = Frame(document, space, mode_names(spec.capability), action_names(spec.capability))
-    resolvers = make_resolvers(frame, spec)
-    supports = make_supports(frame, spec, resolvers)
-    check_pair = DistributionCheck(frame)
+    context = ResolutionContext(document, space, mode_names(spec.capability), action_names(spec.capability))
+    resolvers = make_resolvers(context, spec)
+    supports = make_supports(context, spec, resolvers)
+    check_pair = DistributionCheck(context)
     check_at_load(supports, check_pair)
-    read_system = SystemReader(frame, spec, supports, resolvers, check_pair, digest(document))
+    read_system = SystemReader(context, spec, supports, resolvers, check_pair, digest(document))
     return CaseStudy(
         name=spec.case,
         source=file,
         standalone=document.standalone,
         space=space,
-        modes=frame.modes,
-        actions=frame.actions,
+        modes=context.modes,
+        actions=context.actions,
         discount=spec.discount,
         supports=supports,
         systems={name: read_system(name, system) for name, system in spec.online.items()},
         digest=digest(document),
         warnings=(
             *unused_parameters(spec, resolvers),
-            *idle_rules(frame, supports.capability, resolvers.objective),
+            *idle_rules(context, supports.capability, resolvers.objective),
         ),
         check_pair=check_pair,
         read_system=read_system,

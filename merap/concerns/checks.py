@@ -11,7 +11,7 @@ import numpy as np
 from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Column, Constant, Scope, evaluate, variables
-from merap.concerns.frame import Frame
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
 from merap.errors import InputError
@@ -28,7 +28,7 @@ class DistributionCheck(ShortRepr):
     primes read the target of the intended edge, or the own location.
     """
 
-    frame: Frame
+    context: ResolutionContext
     _checked: dict[Any, None] = field(default_factory=dict)
 
     def __call__(self, environment: Environment, capability: Capability) -> None:
@@ -41,9 +41,9 @@ class DistributionCheck(ShortRepr):
         key = (id(environment.attributes), capability.external, terminal)
         if key in self._checked:
             return
-        modes = np.flatnonzero(capability.terminal(len(self.frame.modes)))
+        modes = np.flatnonzero(capability.terminal(len(self.context.modes)))
         for action in capability.external:
-            for steps in _steps(self.frame, environment.attributes, action, modes):
+            for steps in _steps(self.context, environment.attributes, action, modes):
                 self._check_action(environment, capability, action, steps)
         self._checked[key] = None
 
@@ -53,7 +53,7 @@ class DistributionCheck(ShortRepr):
         pair = f"(environment {environment.name}, capability {capability.name})"
         total = np.zeros(len(steps.here))
         for outcome in action.outcomes:
-            with self.frame.document.at("capability", "actions", action.name):
+            with self.context.document.at("capability", "actions", action.name):
                 found = evaluate(outcome.probability, steps.scope)
             prob = np.broadcast_to(found, total.shape).astype(np.float64)
             outside = np.flatnonzero(~((prob >= 0) & (prob <= 1 + ROW_SUM_TOLERANCE)))
@@ -67,9 +67,9 @@ class DistributionCheck(ShortRepr):
             raise self._error(action, steps, int(off[0]), problem, pair)
 
     def _error(self, action: ExternalAction, steps: _Steps, step: int, problem: str, pair: str) -> InputError:
-        location = self.frame.space.locations[steps.here[step]]
-        mode = self.frame.modes[steps.mode[step]]
-        return self.frame.document.error(
+        location = self.context.space.locations[steps.here[step]]
+        mode = self.context.modes[steps.mode[step]]
+        return self.context.document.error(
             ("capability", "actions", action.name),
             f"action {action.name}: {problem} at location {location} in mode {mode} {pair}",
         )
@@ -85,19 +85,19 @@ class _Steps:
 
 
 def _steps(
-    frame: Frame, attributes: tuple[Attribute, ...], action: ExternalAction, modes: Ints
+    context: ResolutionContext, attributes: tuple[Attribute, ...], action: ExternalAction, modes: Ints
 ) -> Iterator[_Steps]:
     if all(isinstance(outcome.probability, Constant) for outcome in action.outcomes):
         yield _Steps(np.zeros(1, dtype=np.int64), modes[:1], {})
         return
-    here = np.repeat(np.arange(frame.space.num_locations), len(modes))
-    mode = np.tile(modes, frame.space.num_locations)
+    here = np.repeat(np.arange(context.space.num_locations), len(modes))
+    mode = np.tile(modes, context.space.num_locations)
     yield _Steps(here, mode, _scope(attributes, here, here, mode))
     move = action.outcomes[0].move
     if move is not None and _reads_successor(action):
-        exists = frame.space.target[here, move] >= 0
+        exists = context.space.target[here, move] >= 0
         here, mode = here[exists], mode[exists]
-        yield _Steps(here, mode, _scope(attributes, here, frame.space.target[here, move], mode))
+        yield _Steps(here, mode, _scope(attributes, here, context.space.target[here, move], mode))
 
 
 def _reads_successor(action: ExternalAction) -> bool:
@@ -114,12 +114,12 @@ def _scope(attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Int
 
 
 def check_starts(
-    frame: Frame, concern: str, configurations: Configurations, parameter: str, starts: set[int]
+    context: ResolutionContext, concern: str, configurations: Configurations, parameter: str, starts: set[int]
 ) -> None:
     """Refuse configurations in which a start location is closed.
 
     Args:
-        frame: what the case has in common.
+        context: what the case has in common.
         concern: `environment` or `capability`.
         configurations: of that concern.
         parameter: its parameter that closes locations.
@@ -133,14 +133,14 @@ def check_starts(
         offending = configurations.first_with(parameter, start)
         if offending is not None:
             name = configurations.name(offending)
-            raise frame.document.error(
+            raise context.document.error(
                 (concern, "configurations", name, parameter),
-                f"the start location {frame.space.locations[start]} {what} ({concern} {name}); "
+                f"the start location {context.space.locations[start]} {what} ({concern} {name}); "
                 "leave it out (generated configurations: with except)",
             )
 
 
-def check_system_start(frame: Frame, path: KeyPath, system: Combination) -> None:
+def check_system_start(context: ResolutionContext, path: KeyPath, system: Combination) -> None:
     """Refuse an online system whose start is closed.
 
     Raises:
@@ -152,4 +152,4 @@ def check_system_start(frame: Frame, path: KeyPath, system: Combination) -> None
     ):
         bad = np.flatnonzero((system.objective.start > 0) & closed)
         if len(bad):
-            raise frame.document.error(path, f"the start location {frame.space.locations[bad[0]]} {what}")
+            raise context.document.error(path, f"the start location {context.space.locations[bad[0]]} {what}")

@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from merap.concerns.document import KeyPath
-from merap.concerns.frame import Frame
 from merap.concerns.generation import Choice, Product, draw, separators
 from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import (
@@ -21,6 +20,7 @@ from merap.concerns.parameters import (
     parse_location_set,
     parse_value,
 )
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec, ParameterType
 from merap.concerns.schema_base import shown
 from merap.concerns.supports import Configurations, Generated, Named
@@ -36,7 +36,7 @@ Filter: TypeAlias = Callable[[Sequence[Values]], Bools]
 
 
 def read_configurations(
-    frame: Frame,
+    context: ResolutionContext,
     concern: str,
     types: ParameterTypes,
     spec: GeneratedSpec | NamedSpec,
@@ -45,7 +45,7 @@ def read_configurations(
     """The configurations of a concern.
 
     Args:
-        frame: what the case has in common.
+        context: what the case has in common.
         concern: `environment`, `capability` or `objective`.
         types: the concern's parameters.
         spec: as validated.
@@ -57,64 +57,74 @@ def read_configurations(
     path = (concern, "configurations")
     configurations: Configurations
     if isinstance(spec, GeneratedSpec):
-        configurations = _generated(frame, path, types, spec, reachable)
+        configurations = _generated(context, path, types, spec, reachable)
     else:
-        configurations = _named(frame, path, types, spec)
+        configurations = _named(context, path, types, spec)
     if configurations.count == 0:
-        raise frame.document.error(
+        raise context.document.error(
             path, f"empty concern: {concern} has no configuration, at least one is needed"
         )
     return configurations
 
 
-def _named(frame: Frame, path: KeyPath, types: ParameterTypes, spec: NamedSpec) -> Named:
+def _named(context: ResolutionContext, path: KeyPath, types: ParameterTypes, spec: NamedSpec) -> Named:
     listed = []
     for name, raw in spec.items():
-        with frame.document.at(*path, name):
+        with context.document.at(*path, name):
             check_name(name, "a configuration")
-        listed.append(read_values(frame, (*path, name), types, raw))
+        listed.append(read_values(context, (*path, name), types, raw))
     return Named(tuple(spec), tuple(listed))
 
 
-def read_values(frame: Frame, path: KeyPath, types: ParameterTypes, raw: Mapping[str, Any]) -> Values:
+def read_values(
+    context: ResolutionContext, path: KeyPath, types: ParameterTypes, raw: Mapping[str, Any]
+) -> Values:
     """Canonical values of all parameters from a mapping of the file.
 
     Raises:
         InputError: a parameter is unknown or has no value, or a value is wrong.
     """
-    _check_parameters(frame, path, types, raw)
+    _check_parameters(context, path, types, raw)
     values = {}
     for name, kind in types.items():
-        with frame.document.at(*path, name):
-            values[name] = parse_value(kind, raw[name], frame.space)
+        with context.document.at(*path, name):
+            values[name] = parse_value(kind, raw[name], context.space)
     return values
 
 
-def _check_parameters(frame: Frame, path: KeyPath, types: ParameterTypes, given: Mapping[str, Any]) -> None:
+def _check_parameters(
+    context: ResolutionContext, path: KeyPath, types: ParameterTypes, given: Mapping[str, Any]
+) -> None:
     for name in given:
         if name not in types:
-            raise frame.document.error((*path, name), f"unknown parameter {name!r}{suggestion(name, types)}")
+            raise context.document.error(
+                (*path, name), f"unknown parameter {name!r}{suggestion(name, types)}"
+            )
     for name in types:
         if name not in given:
-            raise frame.document.error(path, f"the parameter {name!r} has no value")
+            raise context.document.error(path, f"the parameter {name!r} has no value")
 
 
 def _generated(
-    frame: Frame, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec, reachable: Filter | None
+    context: ResolutionContext,
+    path: KeyPath,
+    types: ParameterTypes,
+    spec: GeneratedSpec,
+    reachable: Filter | None,
 ) -> Generated:
     if spec.require_reachable and reachable is None:
-        raise frame.document.error(
+        raise context.document.error(
             (*path, "require_reachable"), "require_reachable belongs to the configurations of the environment"
         )
-    product = _product(frame, (*path, "generate"), types, spec)
+    product = _product(context, (*path, "generate"), types, spec)
     keep = reachable if spec.require_reachable else None
     if spec.sample is not None:
-        with frame.document.at(*path, "sample"):
+        with context.document.at(*path, "sample"):
             return Generated(product, _sampled(product, spec.sample, np.random.default_rng(spec.seed), keep))
     if keep is None:
         return Generated(product)
     if product.count > MAX_ENUMERATED:
-        raise frame.document.error(
+        raise context.document.error(
             (*path, "require_reachable"),
             f"{product.count} configurations are too many to check, the limit is {MAX_ENUMERATED}; "
             "add sample: n",
@@ -144,16 +154,18 @@ def _sampled(product: Product, count: int, generator: np.random.Generator, keep:
     raise InputError(f"only {len(found)} of {drawn} configurations drawn leave every goal reachable")
 
 
-def _product(frame: Frame, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec) -> Product:
-    _check_parameters(frame, path, types, spec.generate)
+def _product(
+    context: ResolutionContext, path: KeyPath, types: ParameterTypes, spec: GeneratedSpec
+) -> Product:
+    _check_parameters(context, path, types, spec.generate)
     pools = {}
     for name, kind in types.items():
         choice = spec.generate[name]
-        _check_choice(frame, (*path, name), kind, choice)
-        members = _members(frame, (*path, name), kind, choice)
-        pools[name] = {member: _label(frame, kind, member) for member in members}
+        _check_choice(context, (*path, name), kind, choice)
+        members = _members(context, (*path, name), kind, choice)
+        pools[name] = {member: _label(context, kind, member) for member in members}
     labels = [label for pool in pools.values() for label in pool.values()]
-    with frame.document.at(*path):
+    with context.document.at(*path):
         inner, outer = separators(labels)
         for name, pool in pools.items():
             if len(set(pool.values())) < len(pool):
@@ -166,7 +178,7 @@ def _product(frame: Frame, path: KeyPath, types: ParameterTypes, spec: Generated
         outer,
     )
     if product.count > MAX_COUNT:
-        raise frame.document.error(
+        raise context.document.error(
             path, f"{float(product.count):.3g} configurations, at most {MAX_COUNT} are allowed"
         )
     return product
@@ -178,54 +190,58 @@ def _sizes(choice: ChoiceSpec) -> range | None:
     return range(choice.choose if choice.distinct else 1, choice.choose + 1)
 
 
-def _check_choice(frame: Frame, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> None:
+def _check_choice(context: ResolutionContext, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> None:
     is_set = kind in ("locations", "edges")
     if is_set and choice.choose is None:
-        raise frame.document.error(path, f"key 'choose' is missing: how many {kind} to choose")
+        raise context.document.error(path, f"key 'choose' is missing: how many {kind} to choose")
     if not is_set and choice.choose is not None:
-        raise frame.document.error((*path, "choose"), f"choose is for locations and edges, not for a {kind}")
+        raise context.document.error(
+            (*path, "choose"), f"choose is for locations and edges, not for a {kind}"
+        )
     if choice.choose is None and not choice.distinct:
-        raise frame.document.error((*path, "distinct"), "distinct goes with choose")
+        raise context.document.error((*path, "distinct"), "distinct goes with choose")
     if choice.without and kind not in ("location", "locations"):
-        raise frame.document.error((*path, "except"), f"except is for locations, not for {kind}")
+        raise context.document.error((*path, "except"), f"except is for locations, not for {kind}")
 
 
-def _members(frame: Frame, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> tuple[Any, ...]:
-    with frame.document.at(*path, "from"):
-        members = _pool(frame, kind, choice.source)
+def _members(
+    context: ResolutionContext, path: KeyPath, kind: ParameterType, choice: ChoiceSpec
+) -> tuple[Any, ...]:
+    with context.document.at(*path, "from"):
+        members = _pool(context, kind, choice.source)
         for member, times in Counter(members).items():
             if times > 1:
-                raise InputError(f"{_label(frame, kind, member)} stands twice")
-    with frame.document.at(*path, "except"):
-        without = set(find_locations(choice.without, frame.space))
+                raise InputError(f"{_label(context, kind, member)} stands twice")
+    with context.document.at(*path, "except"):
+        without = set(find_locations(choice.without, context.space))
     members = tuple(member for member in members if not without or member not in without)
     if not members or (choice.choose or 0) > len(members):
-        raise frame.document.error(
+        raise context.document.error(
             path, f"empty concern: {choice.choose or 1} can't be chosen from {len(members)} members"
         )
     return members
 
 
-def _pool(frame: Frame, kind: ParameterType, source: Any) -> tuple[Any, ...]:
+def _pool(context: ResolutionContext, kind: ParameterType, source: Any) -> tuple[Any, ...]:
     if kind in ("location", "locations"):
-        return find_locations(parse_location_set(source), frame.space)
+        return find_locations(parse_location_set(source), context.space)
     if not isinstance(source, tuple):
         raise InputError(f"expected a list of values, got {shown(source)}")
     if kind == "edges":
-        return tuple(_one_edge(frame, entry) for entry in source)
-    return tuple(parse_value(kind, entry, frame.space) for entry in source)
+        return tuple(_one_edge(context, entry) for entry in source)
+    return tuple(parse_value(kind, entry, context.space) for entry in source)
 
 
-def _one_edge(frame: Frame, entry: Any) -> tuple[int, int]:
-    edges = find_edges(entry, frame.space)
+def _one_edge(context: ResolutionContext, entry: Any) -> tuple[int, int]:
+    edges = find_edges(entry, context.space)
     if len(edges) > 1:
         raise InputError(f"{shown(entry)} names {len(edges)} edges; add the label")
     return edges[0]
 
 
-def _label(frame: Frame, kind: ParameterType, member: Any) -> str:
+def _label(context: ResolutionContext, kind: ParameterType, member: Any) -> str:
     """The part of a configuration's name that stands for a member."""
-    space = frame.space
+    space = context.space
     if kind in ("location", "locations"):
         return str(space.locations[member])
     if kind == "edges":

@@ -14,8 +14,8 @@ import numpy as np
 from merap.concerns.checks import DistributionCheck, check_starts
 from merap.concerns.configurations import read_configurations
 from merap.concerns.document import Document
-from merap.concerns.frame import Frame
 from merap.concerns.parameters import Values, find_location
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
 from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
 from merap.concerns.resolve_objective import GOAL, ObjectiveResolver
@@ -69,20 +69,20 @@ def digest(document: Document) -> str:
     return running.hexdigest()
 
 
-def make_resolvers(frame: Frame, spec: CaseSpec) -> Resolvers:
+def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
     """Compile the expressions of the three concerns.
 
     Raises:
         InputError: an expression, label, mode or action is wrong.
     """
     return Resolvers(
-        EnvironmentResolver(frame, spec.environment),
-        CapabilityResolver(frame, spec.capability),
-        ObjectiveResolver(frame, spec.objective),
+        EnvironmentResolver(context, spec.environment),
+        CapabilityResolver(context, spec.capability),
+        ObjectiveResolver(context, spec.objective),
     )
 
 
-def make_supports(frame: Frame, spec: CaseSpec, resolvers: Resolvers) -> Supports:
+def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolvers) -> Supports:
     """The configurations of the three concerns; none closes a start location.
 
     Raises:
@@ -90,24 +90,24 @@ def make_supports(frame: Frame, spec: CaseSpec, resolvers: Resolvers) -> Support
     """
     # Environments come last: `require_reachable` asks for the starts and goals of the objectives.
     objectives = read_configurations(
-        frame, "objective", spec.objective.parameters, spec.objective.configurations
+        context, "objective", spec.objective.parameters, spec.objective.configurations
     )
     capabilities = read_configurations(
-        frame, "capability", spec.capability.parameters, spec.capability.configurations
+        context, "capability", spec.capability.parameters, spec.capability.configurations
     )
-    starts = _starts(frame, spec.objective, objectives)
+    starts = _starts(context, spec.objective, objectives)
     environments = read_configurations(
-        frame,
+        context,
         "environment",
         spec.environment.parameters,
         spec.environment.configurations,
         _reachability(spec.objective, objectives, starts, resolvers.environment),
     )
     if BLOCKED in spec.environment.parameters:
-        check_starts(frame, "environment", environments, BLOCKED, starts)
+        check_starts(context, "environment", environments, BLOCKED, starts)
     if NO_ENTRY in spec.capability.parameters:
-        check_starts(frame, "capability", capabilities, NO_ENTRY, starts)
-    capacity = max(100, REMEMBERED_CELLS // frame.space.num_locations)
+        check_starts(context, "capability", capabilities, NO_ENTRY, starts)
+    capacity = max(100, REMEMBERED_CELLS // context.space.num_locations)
     return Supports(
         Support(environments, resolvers.environment, capacity),
         Support(capabilities, resolvers.capability, capacity),
@@ -115,16 +115,16 @@ def make_supports(frame: Frame, spec: CaseSpec, resolvers: Resolvers) -> Support
     )
 
 
-def _starts(frame: Frame, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
+def _starts(context: ResolutionContext, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
     """Every location where some objective may start."""
     starts: set[int] = set()
     for point in spec.start:
-        with frame.document.at("objective", "start"):
+        with context.document.at("objective", "start"):
             if isinstance(point.at, str) and point.at in spec.parameters:
-                frame.require_location(point.at, spec.parameters)
+                context.require_location(point.at, spec.parameters)
                 found = objectives.locations(point.at)
             else:
-                found = {find_location(point.at, frame.space)}
+                found = {find_location(point.at, context.space)}
         starts |= found if point.probability > 0 else set()
     return starts
 

@@ -10,9 +10,9 @@ from typing import Literal
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
 from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
-from merap.concerns.frame import Frame, expression_kinds
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
+from merap.concerns.resolution_context import ResolutionContext, expression_kinds
 from merap.concerns.schema import CapabilitySpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
 from merap.errors import InputError
@@ -61,8 +61,8 @@ class CapabilityResolver:
         InputError: an expression is wrong, or a label or mode unknown.
     """
 
-    def __init__(self, frame: Frame, spec: CapabilitySpec) -> None:
-        self.frame = frame
+    def __init__(self, context: ResolutionContext, spec: CapabilitySpec) -> None:
+        self.context = context
         self.spec = spec
         self.kinds = expression_kinds(spec.parameters)
         self.actions = tuple(self._action(name, entry) for name, entry in spec.actions.items())
@@ -70,7 +70,7 @@ class CapabilityResolver:
 
     def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
         path = ("capability", "actions", name)
-        requires = self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool")
+        requires = self.context.compile((*path, "requires"), spec.requires, self.kinds, "bool")
         if spec.outcomes is not None:
             outcomes = self._listed_outcomes((*path, "outcomes"), spec.outcomes)
         elif spec.move is not None:
@@ -100,15 +100,15 @@ class CapabilityResolver:
         )
 
     def _probability(self, path: KeyPath, given: float | str) -> Expression:
-        kinds = {**self.kinds, **self.frame.variable_kinds(primed=("attributes",))}
-        return self.frame.compile(path, given, kinds, "number")
+        kinds = {**self.kinds, **self.context.variable_kinds(primed=("attributes",))}
+        return self.context.compile(path, given, kinds, "number")
 
     def _move(self, path: KeyPath, label: str) -> int | None:
         if label == STAY:
             return None
-        moves = self.frame.space.moves
+        moves = self.context.space.moves
         if label not in moves:
-            raise self.frame.document.error(
+            raise self.context.document.error(
                 path, f"unknown edge label {label!r}{suggestion(label, (*moves, STAY))}"
             )
         return moves.index(label)
@@ -120,7 +120,7 @@ class CapabilityResolver:
             for index, name in enumerate(spec.terminal or spec.modes)
         )
         return InnateTemplate(
-            requires=self.frame.compile((*path, "requires"), spec.requires, self.kinds, "bool"),
+            requires=self.context.compile((*path, "requires"), spec.requires, self.kinds, "bool"),
             entry=0 if spec.entry is None else self._mode((*path, "entry"), spec.entry),
             initial=0 if spec.initial is None else self._mode((*path, "initial"), spec.initial),
             terminal=terminal,
@@ -138,18 +138,18 @@ class CapabilityResolver:
 
     def _row(self, path: KeyPath, row: Mapping[str, float | str]) -> dict[int, Expression]:
         return {
-            self._mode((*path, mode), mode): self.frame.compile(
+            self._mode((*path, mode), mode): self.context.compile(
                 (*path, mode), probability, self.kinds, "number"
             )
             for mode, probability in row.items()
         }
 
     def _mode(self, path: KeyPath, name: str) -> int:
-        if name not in self.frame.modes:
-            raise self.frame.document.error(
-                path, f"unknown mode {name!r}{suggestion(name, self.frame.modes)}"
+        if name not in self.context.modes:
+            raise self.context.document.error(
+                path, f"unknown mode {name!r}{suggestion(name, self.context.modes)}"
             )
-        return self.frame.modes.index(name)
+        return self.context.modes.index(name)
 
     def __call__(self, name: str, values: Values) -> Capability:
         """The capability called `name`.
@@ -157,12 +157,12 @@ class CapabilityResolver:
         Raises:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
-        known = {**self.frame.mode_constants, **constants(self.spec.parameters, values)}
+        known = {**self.context.mode_constants, **constants(self.spec.parameters, values)}
         external = [self._fold_action(template, name, known) for template in self.actions]
         return Capability(
             name=name,
-            parameters=present_all(self.spec.parameters, values, self.frame.space),
-            no_entry=self.frame.mask(held_locations(values, NO_ENTRY)),
+            parameters=present_all(self.spec.parameters, values, self.context.space),
+            no_entry=self.context.mask(held_locations(values, NO_ENTRY)),
             external=tuple(action for action in external if action is not None),
             innate=self._fold_innate(name, known),
         )
@@ -173,7 +173,7 @@ class CapabilityResolver:
         try:
             return fold(expression, known)
         except InputError as error:
-            raise self.frame.document.error(path, f"{error.message} (capability {name})") from error
+            raise self.context.document.error(path, f"{error.message} (capability {name})") from error
 
     def _holds(self, path: KeyPath, name: str, expression: Expression, known: Mapping[str, Value]) -> bool:
         folded = self._fold((*path, "requires"), name, expression, known)
@@ -212,22 +212,22 @@ class CapabilityResolver:
     def _fold_row(
         self, action: str, mode: int, row: Mapping[int, Expression], name: str, known: Mapping[str, Value]
     ) -> dict[int, Fraction]:
-        path = ("capability", "innate", "actions", action, self.frame.modes[mode])
+        path = ("capability", "innate", "actions", action, self.context.modes[mode])
         folded: dict[int, Fraction] = {}
         for target, expression in row.items():
-            place = (*path, self.frame.modes[target])
+            place = (*path, self.context.modes[target])
             value = self._fold(place, name, expression, known)
             assert isinstance(value, Constant)
             probability = Fraction(value.value)
             if not 0 <= probability <= 1:
-                raise self.frame.document.error(
+                raise self.context.document.error(
                     place, f"the probability {float(probability):g} is not in [0, 1] (capability {name})"
                 )
             if probability > 0:
                 folded[target] = probability
         total = sum(folded.values(), Fraction(0))
         if abs(float(total) - 1) > ROW_SUM_TOLERANCE:
-            raise self.frame.document.error(
+            raise self.context.document.error(
                 path, f"the probabilities of {action} sum to {float(total):g}, not 1 (capability {name})"
             )
         return folded

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.combination import Environment
-from merap.concerns.frame import Frame, frozen
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import Edge, ParameterValue, Values, held_locations, present_all
 from merap.concerns.reachability import leaves_goals_reachable
+from merap.concerns.resolution_context import ResolutionContext, frozen
 from merap.concerns.resolve_space import apply_settings
 from merap.concerns.schema import EnvironmentSpec
 from merap.concerns.schema_base import Box
@@ -29,15 +29,15 @@ BLOCKED_EDGES = "blocked_edges"
 class EnvironmentResolver(ShortRepr):
     """Makes environments from parameter values; call it with a name and values."""
 
-    frame: Frame
+    context: ResolutionContext
     spec: EnvironmentSpec
     _known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known = [attribute.name for attribute in self.frame.space.attributes]
+        known = [attribute.name for attribute in self.context.space.attributes]
         for name in self.spec.attributes:
             if name not in known:
-                raise self.frame.document.error(
+                raise self.context.document.error(
                     ("environment", "attributes", name),
                     f"unknown attribute {name!r}{suggestion(name, known)}",
                 )
@@ -50,8 +50,8 @@ class EnvironmentResolver(ShortRepr):
         """
         return Environment(
             name=name,
-            parameters=present_all(self.spec.parameters, values, self.frame.space),
-            blocked=self.frame.mask(held_locations(values, BLOCKED)),
+            parameters=present_all(self.spec.parameters, values, self.context.space),
+            blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
             attributes=self._attributes(values),
         )
@@ -66,7 +66,7 @@ class EnvironmentResolver(ShortRepr):
 
     @cached_property
     def _no_edges(self) -> Bools:
-        return frozen(np.zeros(self.frame.space.target.shape, dtype=np.bool_))
+        return frozen(np.zeros(self.context.space.target.shape, dtype=np.bool_))
 
     def _attributes(self, values: Values) -> tuple[Attribute, ...]:
         """Shared by all configurations that agree on what the attributes read."""
@@ -77,7 +77,7 @@ class EnvironmentResolver(ShortRepr):
 
     def _set_attributes(self, values: Values) -> tuple[Attribute, ...]:
         if not self.spec.attributes:
-            return self.frame.space.attributes
+            return self.context.space.attributes
         types = self.spec.parameters
         numbers = {
             name: float(value) if isinstance(value, Fraction) else value
@@ -86,14 +86,14 @@ class EnvironmentResolver(ShortRepr):
         }
         return tuple(
             apply_settings(
-                self.frame.document,
+                self.context.document,
                 ("environment", "attributes", attribute.name),
                 attribute,
                 self.spec.attributes.get(attribute.name, ()),
-                find=lambda refs: self.frame.select(refs, types, values),
+                find=lambda refs: self.context.select(refs, types, values),
                 parameters=numbers,
             )
-            for attribute in self.frame.space.attributes
+            for attribute in self.context.space.attributes
         )
 
     def names_read(self) -> set[str]:
@@ -112,7 +112,7 @@ class EnvironmentResolver(ShortRepr):
             goals: indices of locations.
             listed: N values of the parameters.
         """
-        closed = np.zeros((len(listed), self.frame.space.num_locations), dtype=np.bool_)
+        closed = np.zeros((len(listed), self.context.space.num_locations), dtype=np.bool_)
         held = [held_locations(values, BLOCKED) for values in listed]
         rows = np.repeat(np.arange(len(listed)), [len(locations) for locations in held])
         closed[rows, np.array([location for locations in held for location in locations], dtype=np.int64)] = (
@@ -121,4 +121,4 @@ class EnvironmentResolver(ShortRepr):
         edges = None
         if BLOCKED_EDGES in self.spec.parameters:
             edges = np.stack([self._blocked_edges(values) for values in listed])
-        return leaves_goals_reachable(self.frame.space, starts, goals, closed, edges)
+        return leaves_goals_reachable(self.context.space, starts, goals, closed, edges)

@@ -10,9 +10,9 @@ import numpy as np
 from merap.concerns.combination import Condition, Objective, RewardRule
 from merap.concerns.document import KeyPath
 from merap.concerns.expressions import Expression, Kind, Value, fold
-from merap.concerns.frame import Frame, expression_kinds
 from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
+from merap.concerns.resolution_context import ResolutionContext, expression_kinds
 from merap.concerns.resolve_capability import names_in
 from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
 from merap.concerns.schema_base import Box, LocationSet
@@ -43,16 +43,16 @@ class ObjectiveResolver:
         InputError: an expression is wrong, or a mode or action unknown.
     """
 
-    def __init__(self, frame: Frame, spec: ObjectiveSpec) -> None:
-        self.frame = frame
+    def __init__(self, context: ResolutionContext, spec: ObjectiveSpec) -> None:
+        self.context = context
         self.spec = spec
         self.kinds = expression_kinds(spec.parameters)
-        states = {**self.kinds, **frame.variable_kinds()}
-        steps = {**self.kinds, **frame.variable_kinds(primed=("attributes", "mode"))}
+        states = {**self.kinds, **context.variable_kinds()}
+        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", "mode"))}
         self.rules = tuple(
             (
                 self._template(("objective", "rewards", index), rule, steps),
-                frame.compile(("objective", "rewards", index, "value"), rule.value, steps, "number"),
+                context.compile(("objective", "rewards", index, "value"), rule.value, steps, "number"),
             )
             for index, rule in enumerate(spec.rewards)
         )
@@ -60,7 +60,7 @@ class ObjectiveResolver:
         self.ends_in = self._optional("ends_in", spec.ends_in, states)
         self.unsafe = self._optional("unsafe", spec.unsafe, states)
         for name in spec.properties:
-            with frame.document.at("objective", "properties", name):
+            with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
 
     def _optional(
@@ -69,25 +69,27 @@ class ObjectiveResolver:
         return None if spec is None else self._template(("objective", key), spec, kinds)
 
     def _template(self, path: KeyPath, spec: PredicateSpec, kinds: Mapping[str, Kind]) -> ConditionTemplate:
-        frame = self.frame
+        context = self.context
         to, to_mode = (spec.to, spec.to_mode) if isinstance(spec, RewardSpec) else (None, None)
         return ConditionTemplate(
             path=path,
             at=spec.at,
             to=to,
-            modes=frame.mode_mask((*path, "mode"), spec.mode),
-            to_modes=frame.mode_mask((*path, "to_mode"), to_mode),
+            modes=context.mode_mask((*path, "mode"), spec.mode),
+            to_modes=context.mode_mask((*path, "to_mode"), to_mode),
             actions=self._actions((*path, "action"), spec.action) if isinstance(spec, EndSpec) else None,
-            where=None if spec.where is None else frame.compile((*path, "where"), spec.where, kinds, "bool"),
+            where=None
+            if spec.where is None
+            else context.compile((*path, "where"), spec.where, kinds, "bool"),
         )
 
     def _actions(self, path: KeyPath, names: tuple[str, ...] | None) -> frozenset[str] | None:
         if names is None:
             return None
         for name in names:
-            if name not in self.frame.actions:
-                raise self.frame.document.error(
-                    path, f"unknown action {name!r}{suggestion(name, self.frame.actions)}"
+            if name not in self.context.actions:
+                raise self.context.document.error(
+                    path, f"unknown action {name!r}{suggestion(name, self.context.actions)}"
                 )
         return frozenset(names)
 
@@ -109,14 +111,14 @@ class ObjectiveResolver:
         Raises:
             InputError: a location is unknown, or an expression undefined.
         """
-        known = {**self.frame.mode_constants, **constants(self.spec.parameters, values)}
+        known = {**self.context.mode_constants, **constants(self.spec.parameters, values)}
         path, points = start or (("objective", "start"), self.spec.start)
         return Objective(
             name=name,
-            parameters=present_all(self.spec.parameters, values, self.frame.space),
+            parameters=present_all(self.spec.parameters, values, self.context.space),
             start=self._start(path, points, values),
             horizon=horizon or self.spec.horizon,
-            goal=self.frame.mask(held_locations(values, GOAL)),
+            goal=self.context.mask(held_locations(values, GOAL)),
             rules=tuple(
                 RewardRule(
                     self._condition(template, name, values, known), self._fold(template, name, value, known)
@@ -130,15 +132,15 @@ class ObjectiveResolver:
         )
 
     def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
-        start = np.zeros(self.frame.space.num_locations)
+        start = np.zeros(self.context.space.num_locations)
         for number, point in enumerate(points):
-            with self.frame.document.at(*path, number):
-                indices = self.frame.select((point.at,), self.spec.parameters, values)
+            with self.context.document.at(*path, number):
+                indices = self.context.select((point.at,), self.spec.parameters, values)
                 if len(indices) != 1:
                     raise InputError(f"{point.at!r} holds {len(indices)} locations, a start point is one")
                 start[indices[0]] += point.probability
         if abs(start.sum() - 1) > ROW_SUM_TOLERANCE:
-            raise self.frame.document.error(path, f"the start distribution sums to {start.sum():g}, not 1")
+            raise self.context.document.error(path, f"the start distribution sums to {start.sum():g}, not 1")
         start.flags.writeable = False
         return start
 
@@ -148,7 +150,7 @@ class ObjectiveResolver:
         try:
             return fold(expression, known)
         except InputError as error:
-            raise self.frame.document.error(template.path, f"{error.message} (objective {name})") from error
+            raise self.context.document.error(template.path, f"{error.message} (objective {name})") from error
 
     def _condition_or_none(
         self, template: ConditionTemplate | None, name: str, values: Values, known: Mapping[str, Value]
@@ -171,8 +173,8 @@ class ObjectiveResolver:
     def _places(self, path: KeyPath, refs: LocationSet | None, values: Values) -> Bools | None:
         if refs is None:
             return None
-        with self.frame.document.at(*path):
-            return self.frame.mask(self.frame.select(refs, self.spec.parameters, values))
+        with self.context.document.at(*path):
+            return self.context.mask(self.context.select(refs, self.spec.parameters, values))
 
     @property
     def templates(self) -> list[ConditionTemplate]:

@@ -11,9 +11,9 @@ from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.combination import Combination, Objective
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.frame import Frame
 from merap.concerns.names import suggestion
 from merap.concerns.parameters import ParameterTypes, Values
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, SystemSpec
 from merap.concerns.supports import Support, Supports
@@ -27,7 +27,7 @@ class SystemReader(ShortRepr):
     """Makes online systems; values that equal a configuration take its name.
 
     Attributes:
-        frame: of the case; its document is where errors are placed.
+        context: of the case; its document is where errors are placed.
         spec: of the case.
         supports: of the case.
         resolvers: of the case.
@@ -36,7 +36,7 @@ class SystemReader(ShortRepr):
         place: where the document describes the system; None: at `online.<name>`.
     """
 
-    frame: Frame
+    context: ResolutionContext
     spec: CaseSpec
     supports: Supports
     resolvers: Resolvers
@@ -46,7 +46,7 @@ class SystemReader(ShortRepr):
 
     def placed(self, document: Document, place: KeyPath) -> SystemReader:
         """The same for a system that another document describes."""
-        return replace(self, frame=replace(self.frame, document=document), place=place)
+        return replace(self, context=replace(self.context, document=document), place=place)
 
     def _path(self, name: str) -> KeyPath:
         return ("online", name) if self.place is None else self.place
@@ -62,9 +62,9 @@ class SystemReader(ShortRepr):
         capability = self._concern(name, "capability", self.supports.capability, spec.capability)
         system = Combination(
             name=name,
-            space=self.frame.space,
-            modes=self.frame.modes,
-            actions=self.frame.actions,
+            space=self.context.space,
+            modes=self.context.modes,
+            actions=self.context.actions,
             environment=environment,
             capability=capability,
             objective=self._objective(name, spec),
@@ -73,7 +73,7 @@ class SystemReader(ShortRepr):
             reset=spec.reset,
         )
         self.check_pair(environment, capability)
-        check_system_start(self.frame, self._path(name), system)
+        check_system_start(self.context, self._path(name), system)
         return system
 
     def _check_name(self, name: str) -> None:
@@ -84,7 +84,7 @@ class SystemReader(ShortRepr):
             self.supports.objective,
         )
         if any(support.index(name) is not None for support in supports):
-            raise self.frame.document.error(
+            raise self.context.document.error(
                 self._path(name), f"duplicate name {name!r}: a configuration is called so too"
             )
 
@@ -112,16 +112,16 @@ class SystemReader(ShortRepr):
         if given is None:
             if support.count == 1:
                 return 0
-            raise self.frame.document.error(
+            raise self.context.document.error(
                 path, f"key {concern!r} is missing, and {concern} has {support.count} configurations"
             )
         if isinstance(given, str):
             index = support.index(given)
             if index is None:
                 near = suggestion(given, islice(support.names(), 1000))
-                raise self.frame.document.error(path, f"unknown configuration {given!r} of {concern}{near}")
+                raise self.context.document.error(path, f"unknown configuration {given!r} of {concern}{near}")
             return index
         types: ParameterTypes = getattr(self.spec, concern).parameters
-        values = read_values(self.frame, path, types, given)
+        values = read_values(self.context, path, types, given)
         index = support.index_of(values)
         return values if index is None else index

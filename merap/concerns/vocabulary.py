@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.frame import MODE
 from merap.concerns.names import check_emitted_name, check_name
 from merap.concerns.parameters import ParameterTypes
+from merap.concerns.resolution_context import MODE
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
 from merap.concerns.schema_capability import restarts
 from merap.concerns.space import Space

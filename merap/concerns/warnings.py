@@ -9,7 +9,7 @@ import numpy as np
 
 from merap.concerns.combination import Capability
 from merap.concerns.document import key_text
-from merap.concerns.frame import Frame
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_capability import NO_ENTRY
 from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
 from merap.concerns.resolve_objective import GOAL, ConditionTemplate, ObjectiveResolver
@@ -38,42 +38,45 @@ def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
 
 
 def idle_rules(
-    frame: Frame, capabilities: Support[Capability], resolver: ObjectiveResolver, limit: int = LOOKED_AT
+    context: ResolutionContext,
+    capabilities: Support[Capability],
+    resolver: ObjectiveResolver,
+    limit: int = LOOKED_AT,
 ) -> Iterator[str]:
     """A sentence for every rule that names a mode or action which a capability lacks.
 
     Args:
-        frame: what the case has in common.
+        context: what the case has in common.
         capabilities: the first `limit` of them are looked at.
         resolver: knows the rules.
         limit: how many to look at.
     """
     lacked: dict[str, str] = {}
     for capability in islice(capabilities, limit):
-        present = vocabulary(frame, capability)
-        for name in (*frame.actions, *frame.modes):
+        present = vocabulary(context, capability)
+        for name in (*context.actions, *context.modes):
             if name not in present:
                 lacked.setdefault(name, capability.name)
     for template in resolver.templates:
-        for name in sorted(_named(frame, template) & lacked.keys()):
+        for name in sorted(_named(context, template) & lacked.keys()):
             yield (
                 f"{key_text(template.path)}: names {name!r}, which capability {lacked[name]} lacks: "
                 "it never matches there"
             )
 
 
-def vocabulary(frame: Frame, capability: Capability) -> set[str]:
+def vocabulary(context: ResolutionContext, capability: Capability) -> set[str]:
     """Names of the actions and modes that a capability has."""
     names = {action.name for action in capability.external}
     if capability.innate is None:
-        return names | {frame.modes[0]}
-    names |= {*frame.modes, *(action.name for action in capability.innate.actions)}
+        return names | {context.modes[0]}
+    names |= {*context.modes, *(action.name for action in capability.innate.actions)}
     return names | {capability.innate.start_action} if capability.innate.restart else names
 
 
-def _named(frame: Frame, template: ConditionTemplate) -> set[str]:
+def _named(context: ResolutionContext, template: ConditionTemplate) -> set[str]:
     names = set(template.actions or ())
     for mask in (template.modes, template.to_modes):
         if mask is not None:
-            names |= {frame.modes[mode] for mode in np.flatnonzero(mask)}
+            names |= {context.modes[mode] for mode in np.flatnonzero(mask)}
     return names

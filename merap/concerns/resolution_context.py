@@ -29,7 +29,7 @@ MODE = "mode"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Frame(ShortRepr):
+class ResolutionContext(ShortRepr):
     """The case's document, space, modes and actions.
 
     Attributes:
