@@ -15,8 +15,8 @@ from merap.belief.posterior import Belief, weights
 from merap.belief.space import HypothesisSpace
 from merap.belief.update import family
 from merap.mdp.assembly import Branches, assemble
-from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
 # Actions that are possible with less than this probability are left out of a plan.
 POSSIBLE = 1e-6

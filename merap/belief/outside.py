@@ -10,9 +10,9 @@ import numpy as np
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Objective
 from merap.concerns.parameters import held_locations
-from merap.concerns.resolve_objective import GOAL
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
+from merap.mdp.reserved_names import GOAL_LABEL
 
 # However many locations the support closes, an unknown world is mostly open.
 MOST_CLOSED = 0.3
@@ -104,17 +104,17 @@ def other_goals(case: CaseStudy) -> list[Objective]:
     """Each objective of the support with its goal at every location no such objective has it at."""
     support = case.supports.objective
     listed = [dict(support.configurations.values(index)) for index in range(support.count)]
-    if GOAL not in listed[0]:
+    if GOAL_LABEL not in listed[0]:
         return []
-    many = isinstance(listed[0][GOAL], tuple)
-    taken = {location for values in listed for location in held_locations(values, GOAL)}
+    many = isinstance(listed[0][GOAL_LABEL], tuple)
+    taken = {location for values in listed for location in held_locations(values, GOAL_LABEL)}
     free = [location for location in range(case.space.num_locations) if location not in taken]
-    without = [{name: value for name, value in values.items() if name != GOAL} for values in listed]
+    without = [{name: value for name, value in values.items() if name != GOAL_LABEL} for values in listed]
     distinct = [rest for index, rest in enumerate(without) if rest not in without[:index]]
     return [
         support.resolve(
             f"goal_{case.space.locations[location]}" + (f"_{number}" if len(distinct) > 1 else ""),
-            {**rest, GOAL: (location,) if many else location},
+            {**rest, GOAL_LABEL: (location,) if many else location},
         )
         for number, rest in enumerate(distinct)
         for location in free

@@ -35,6 +35,7 @@ from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 MAX_TABLE = 100_000_000
 MAX_OUTCOMES = 64
@@ -163,7 +164,7 @@ def hypothesis_space(
     return HypothesisSpace(
         case=case,
         space=case.space,
-        variable_names=(*case.space.variable_names, "mode"),
+        variable_names=(*case.space.variable_names, MODE_VARIABLE),
         valuations=_valuations(representatives[0][0]),
         environment_names=(*(one.name for one in environments), "unknown obstacles"),
         capability_names=(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from merap.concerns.combination import Combination
+from merap.mdp.reserved_names import GOAL_LABEL
 
 REACH = "reach"
 REACH_IN_TIME = "reach_within_horizon"
@@ -20,8 +21,8 @@ def properties(combination: Combination) -> Mapping[str, str]:
     """
     horizon = combination.objective.horizon
     defaults = {
-        REACH: 'Pmax=? [F "goal"]',
-        REACH_IN_TIME: f'Pmax=? [F<={horizon} "goal"]',
+        REACH: f'Pmax=? [F "{GOAL_LABEL}"]',
+        REACH_IN_TIME: f'Pmax=? [F<={horizon} "{GOAL_LABEL}"]',
         REWARD: f'R{{"objective"}}max=? [C<={horizon}discount={combination.discount}]',
     }
     if combination.discount == 1:

@@ -16,6 +16,7 @@ from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 
 
@@ -106,7 +107,7 @@ def _reads_successor(action: ExternalAction) -> bool:
 
 
 def _scope(attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints) -> Scope:
-    scope = {"mode": Column.of(mode)}
+    scope = {MODE_VARIABLE: Column.of(mode)}
     for attribute in attributes:
         scope[attribute.name] = attribute.column[here]
         scope[f"{attribute.name}'"] = attribute.column[there]

@@ -16,9 +16,8 @@ import numpy as np
 from merap.concerns.expressions import Expression
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
+from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
-
-END = "end"
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]
@@ -226,7 +225,7 @@ class Combination(ShortRepr):
     @property
     def action_names(self) -> tuple[str, ...]:
         """The declared actions and, last, `end`, which closes a complete state."""
-        return (*self.actions, END)
+        return (*self.actions, END_ACTION)
 
     @property
     def passable(self) -> Bools:

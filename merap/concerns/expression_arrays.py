@@ -78,7 +78,7 @@ def _product(left: Ints, right: Ints) -> tuple[Ints, Bools]:
     if left.dtype == np.int64:
         fits = np.abs(left.astype(np.float64)) * np.abs(right.astype(np.float64)) < LARGEST
     else:
-        fits = (_bits(left) + _bits(right)).astype(np.int64) <= MAX_BITS
+        fits = np.asarray(_bits(left) + _bits(right), dtype=np.int64) <= MAX_BITS
     return np.where(fits, left, 0) * right, fits
 
 

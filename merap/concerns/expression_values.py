@@ -62,7 +62,7 @@ class Levels(ShortRepr):
     @cached_property
     def most(self) -> Fraction:
         """The greatest size of a value."""
-        return Fraction(max(map(abs, self.values)))
+        return max(abs(Fraction(value)) for value in self.values)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -253,7 +253,9 @@ def _compute(
             levels, codes = read[name]
             return (levels.big if big else levels.small)[codes]
         case Operation("?:", (condition, taken, other)):
-            return choose(*(_compute(part, read, big=big) for part in (condition, taken, other)))
+            parts = (_compute(part, read, big=big) for part in (condition, taken, other))
+            chosen: Numbers | Truths = choose(*parts)
+            return chosen
         case Operation(symbol, arguments):
             return FUNCTIONS[symbol](*(_compute(argument, read, big=big) for argument in arguments))
 

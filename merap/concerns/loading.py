@@ -18,7 +18,7 @@ from merap.concerns.parameters import Values, find_location
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
 from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
-from merap.concerns.resolve_objective import GOAL, ObjectiveResolver
+from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, ObjectiveSpec
 from merap.concerns.supports import Configurations, Support, Supports
@@ -26,6 +26,7 @@ from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
 from merap.mdp.model import Bools
+from merap.mdp.reserved_names import GOAL_LABEL
 
 CASE_FILE = "case.yaml"
 # Configurations of a concern that are resolved and checked when the case is loaded; the
@@ -132,7 +133,7 @@ def _starts(context: ResolutionContext, spec: ObjectiveSpec, objectives: Configu
 def _reachability(
     spec: ObjectiveSpec, objectives: Configurations, starts: set[int], resolver: EnvironmentResolver
 ) -> Callable[[Sequence[Values]], Bools]:
-    goals = objectives.locations(GOAL) if GOAL in spec.parameters else set()
+    goals = objectives.locations(GOAL_LABEL) if GOAL_LABEL in spec.parameters else set()
     return partial(
         resolver.leaves_goals_reachable,
         np.array(sorted(starts), dtype=np.int64),

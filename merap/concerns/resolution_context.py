@@ -23,9 +23,8 @@ from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.model import Bools
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-
-MODE = "mode"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,13 +49,13 @@ class ResolutionContext(ShortRepr):
         Args:
             primed: which of `attributes` and `mode` may be read of the successor too.
         """
-        kinds: dict[str, Kind] = dict.fromkeys((MODE, *self.modes), "number")
+        kinds: dict[str, Kind] = dict.fromkeys((MODE_VARIABLE, *self.modes), "number")
         for attribute in self.space.attributes:
             kinds[attribute.name] = "bool" if attribute.kind == "bool" else "number"
             if "attributes" in primed:
                 kinds[f"{attribute.name}'"] = kinds[attribute.name]
-        if MODE in primed:
-            kinds[f"{MODE}'"] = "number"
+        if MODE_VARIABLE in primed:
+            kinds[f"{MODE_VARIABLE}'"] = "number"
         return kinds
 
     def compile(

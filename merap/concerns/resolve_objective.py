@@ -18,9 +18,8 @@ from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardS
 from merap.concerns.schema_base import Box, LocationSet
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
+from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-
-GOAL = "goal"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +47,7 @@ class ObjectiveResolver:
         self.spec = spec
         self.kinds = expression_kinds(spec.parameters)
         states = {**self.kinds, **context.variable_kinds()}
-        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", "mode"))}
+        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", MODE_VARIABLE))}
         self.rules = tuple(
             (
                 self._template(("objective", "rewards", index), rule, steps),
@@ -118,7 +117,7 @@ class ObjectiveResolver:
             parameters=present_all(self.spec.parameters, values, self.context.space),
             start=self._start(path, points, values),
             horizon=horizon or self.spec.horizon,
-            goal=self.context.mask(held_locations(values, GOAL)),
+            goal=self.context.mask(held_locations(values, GOAL_LABEL)),
             rules=tuple(
                 RewardRule(
                     self._condition(template, name, values, known), self._fold(template, name, value, known)

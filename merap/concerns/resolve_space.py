@@ -16,9 +16,12 @@ from merap.concerns.schema_space import AttributeSpec, GridSpec, SpaceSpec
 from merap.concerns.space import Attribute, Detector, Space
 from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 # What expressions read as a part of their own syntax.
-_EXPRESSION_WORDS = frozenset({"mode", "true", "false", "min", "max", "floor", "ceil", "pow", "mod", "log"})
+_EXPRESSION_WORDS = frozenset(
+    {MODE_VARIABLE, "true", "false", "min", "max", "floor", "ceil", "pow", "mod", "log"}
+)
 
 
 def resolve_space(document: Document, spec: SpaceSpec) -> Space:

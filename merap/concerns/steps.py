@@ -13,6 +13,7 @@ import numpy.typing as npt
 from merap.concerns.combination import Combination, Condition
 from merap.concerns.expressions import Column, Expression, evaluate, variables
 from merap.mdp.model import Bools, Floats, Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 
 class Steps:
@@ -79,7 +80,7 @@ def scope_of(
         there: int64 [B], the successor's location.
         mode_there: int64 [B], the successor's mode.
     """
-    scope = {"mode": Column.of(mode), "mode'": Column.of(mode_there)}
+    scope = {MODE_VARIABLE: Column.of(mode), f"{MODE_VARIABLE}'": Column.of(mode_there)}
     for attribute in combination.environment.attributes:
         scope[attribute.name] = attribute.column[here]
         scope[f"{attribute.name}'"] = attribute.column[there]

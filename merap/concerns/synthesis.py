@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from merap.concerns.combination import END, Combination, ExternalAction, Outcome
+from merap.concerns.combination import Combination, ExternalAction, Outcome
 from merap.concerns.expressions import evaluate
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, scope_of
@@ -22,6 +22,14 @@ from merap.mdp.assembly import Branches, assemble
 from merap.mdp.graph import reachable_along
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import (
+    COMPLETE_LABEL,
+    END_ACTION,
+    FLAG_VARIABLE,
+    GOAL_LABEL,
+    MODE_VARIABLE,
+    UNSAFE_LABEL,
+)
 
 
 def synthesise(combination: Combination) -> TabularMDP:
@@ -46,14 +54,14 @@ def synthesise_pair(combination: Combination, starts: Bools | None = None) -> Ta
     num_modes = len(combination.modes)
     num_states = combination.space.num_locations * num_modes
     everywhere = np.arange(num_states)
-    idle = _branches(everywhere, combination.action_names.index(END), everywhere, np.ones(num_states))
+    idle = _branches(everywhere, combination.action_names.index(END_ACTION), everywhere, np.ones(num_states))
     parts = [idle, *_external(combination), *_innate(combination)]
     return assemble(
         Branches(*(np.concatenate(columns) for columns in zip(*parts, strict=True))),
         initial=_initial(combination, start),
         labels={},
         valuations=pair_valuations(combination),
-        variable_names=(*combination.space.variable_names, "mode"),
+        variable_names=(*combination.space.variable_names, MODE_VARIABLE),
         action_names=combination.action_names,
     )
 
@@ -153,7 +161,7 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
         initial=initial[kept],
         labels={name: mask[kept] for name, mask in labels.items()},
         valuations=_whole_valuations(combination)[kept],
-        variable_names=(*combination.space.variable_names, "mode", "done"),
+        variable_names=(*combination.space.variable_names, MODE_VARIABLE, FLAG_VARIABLE),
         action_names=combination.action_names,
     )
 
@@ -178,13 +186,13 @@ def attach_everywhere(pair: TabularMDP, combination: Combination) -> TabularMDP:
         initial=initial,
         labels=_labels(combination, complete),
         valuations=_whole_valuations(combination),
-        variable_names=(*combination.space.variable_names, "mode", "done"),
+        variable_names=(*combination.space.variable_names, MODE_VARIABLE, FLAG_VARIABLE),
         action_names=combination.action_names,
     )
 
 
 def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools) -> Branches:
-    end = combination.action_names.index(END)
+    end = combination.action_names.index(END_ACTION)
     state, action, target, prob = _in_canonical_order(pair, combination)
     keep = (action != end) & ~complete[state]
     state, action, target, prob = state[keep], action[keep], target[keep], prob[keep]
@@ -204,7 +212,7 @@ def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools)
 
 def _in_canonical_order(pair: TabularMDP, combination: Combination) -> tuple[Ints, Ints, Ints, Floats]:
     """A pair's branches as columns (state, action, target, probability), states as p * Q + q."""
-    variables = (*combination.space.variable_names, "mode")
+    variables = (*combination.space.variable_names, MODE_VARIABLE)
     index = match_rows(align_variables(pair, variables), pair_valuations(combination))
     action = align_actions(pair, combination.action_names)[pair.choice_action]
     state = index[pair.choice_state][pair.branch_choice]
@@ -244,11 +252,11 @@ def _whole_valuations(combination: Combination) -> Ints:
 def _labels(combination: Combination, complete: Bools) -> dict[str, Bools]:
     flag = np.tile([False, True], len(complete))
     labels = {
-        "done": flag | np.repeat(complete, 2),
-        "goal": np.repeat(combination.objective.goal, 2 * len(combination.modes)),
+        COMPLETE_LABEL: flag | np.repeat(complete, 2),
+        GOAL_LABEL: np.repeat(combination.objective.goal, 2 * len(combination.modes)),
     }
     if combination.objective.unsafe is not None:
-        labels["unsafe"] = np.repeat(holds_in_states(combination, combination.objective.unsafe), 2)
+        labels[UNSAFE_LABEL] = np.repeat(holds_in_states(combination, combination.objective.unsafe), 2)
     return labels
 
 

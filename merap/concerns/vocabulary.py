@@ -7,17 +7,17 @@ from collections.abc import Iterator, Mapping
 from merap.concerns.document import Document, KeyPath
 from merap.concerns.names import check_emitted_name, check_name
 from merap.concerns.parameters import ParameterTypes
-from merap.concerns.resolution_context import MODE
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
 from merap.concerns.schema_capability import restarts
 from merap.concerns.space import Space
 from merap.errors import InputError
+from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 
 READY = "ready"
 _MEANINGS: Mapping[str, Mapping[str, tuple[ParameterType, ...]]] = {
     "environment": {"blocked": ("location", "locations"), "blocked_edges": ("edges",)},
     "capability": {"no_entry": ("location", "locations")},
-    "objective": {"goal": ("location", "locations")},
+    "objective": {GOAL_LABEL: ("location", "locations")},
 }
 
 
@@ -89,7 +89,7 @@ def _check_parameters(
 ) -> None:
     taken = dict.fromkeys(mode_names(spec.capability), "a mode")
     taken |= {attribute.name: "an attribute" for attribute in space.attributes}
-    taken |= {MODE: "the current mode"}
+    taken |= {MODE_VARIABLE: "the current mode"}
     for name, kind in types.items():
         with document.at(concern, "parameters", name):
             check_name(name, "a parameter")

@@ -12,10 +12,11 @@ from merap.concerns.document import key_text
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_capability import NO_ENTRY
 from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
-from merap.concerns.resolve_objective import GOAL, ConditionTemplate, ObjectiveResolver
+from merap.concerns.resolve_objective import ConditionTemplate, ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
 from merap.concerns.supports import Support
+from merap.mdp.reserved_names import GOAL_LABEL
 
 # Capabilities of a large support that are looked at for what they lack.
 LOOKED_AT = 1000
@@ -30,7 +31,7 @@ def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
             {BLOCKED, BLOCKED_EDGES} | resolvers.environment.names_read(),
         ),
         ("capability", spec.capability.parameters, {NO_ENTRY} | resolvers.capability.names_read()),
-        ("objective", spec.objective.parameters, {GOAL} | resolvers.objective.names_read()),
+        ("objective", spec.objective.parameters, {GOAL_LABEL} | resolvers.objective.names_read()),
     ):
         for name in types:
             if name not in read:

@@ -108,16 +108,13 @@ def _version(text: str, source: str) -> str:
     Raises:
         InputError: it is no version that can be read.
     """
+    version = VERSIONS[-1]
     for number, line in enumerate(text.splitlines(), 1):
-        if declared := re.match(r"%YAML[ \t]+(\d+\.\d+)(?![\d.])", line):
-            if declared[1] not in VERSIONS:
-                raise InputError(
-                    f"{_WRONG_VERSION}, not {_shortened(declared[1])}", source=source, line=number
-                )
-            return declared[1]
-        if line.strip() and not line.startswith(("%", "#")):
-            break
-    return VERSIONS[-1]
+        if declared := re.match(r"\ufeff?%YAML[ \t]+(\d+\.\d+)(?![\d.])", line):
+            version = declared[1]
+            if version not in VERSIONS:
+                raise InputError(f"{_WRONG_VERSION}, not {_shortened(version)}", source=source, line=number)
+    return version
 
 
 def _compose(text: str, source: str) -> Node | None:
@@ -131,7 +128,7 @@ def _compose(text: str, source: str) -> Node | None:
         with warnings.catch_warnings():
             # An anchor may stand twice; the later one counts.
             warnings.simplefilter("ignore", ReusedAnchorWarning)
-            node = constructor.composer.get_single_node()
+            node: Node | None = constructor.composer.get_single_node()
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -144,8 +141,8 @@ def _compose(text: str, source: str) -> Node | None:
     except RecursionError as error:
         raise InputError("YAML: nested too deeply", source=source) from error
     # The parser lets pass on what `chr` and its own checks of versions raise.
-    except (ValueError, OverflowError, AssertionError) as error:
-        is_version = isinstance(error, AssertionError)
+    except (ValueError, OverflowError, AssertionError, KeyError) as error:
+        is_version = isinstance(error, AssertionError | KeyError)
         message = _WRONG_VERSION if is_version else "YAML: an escape in quotes stands for no character"
         raise InputError(message, source=source, line=loader.reader.line + 1) from error
     if node is None:

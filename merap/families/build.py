@@ -15,6 +15,7 @@ from merap.concerns.synthesis import attach, pair_valuations, synthesise, synthe
 from merap.mdp.canonical import canonicalise
 from merap.mdp.comparison import compare
 from merap.mdp.model import Bools, TabularMDP
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 MAX_TASKS = 512
 MAX_PAIRS = 128
@@ -95,7 +96,7 @@ def model_of(combination: Combination) -> TabularMDP:
 
 def canonical(combination: Combination, whole: TabularMDP) -> TabularMDP:
     """A whole model on the canonical index of its case."""
-    variables = (*combination.space.variable_names, "mode")
+    variables = (*combination.space.variable_names, MODE_VARIABLE)
     return canonicalise(whole, pair_valuations(combination), variables, combination.actions)
 
 

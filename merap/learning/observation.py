@@ -23,13 +23,14 @@ from merap.concerns.space import Space
 from merap.errors import ModelError
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 Scale = Literal["flag", "coordinate", "category"]
 
 # Neighbours are a quarter of a turn apart at the shortest; the longest tells 256 values apart.
 _WAVELENGTHS = np.array([4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0])
 # Numbers whose order means nothing, as cases and imported models call them.
-_CATEGORIES = frozenset({"loc", "mode", "state", "passenger", "destination"})
+_CATEGORIES = frozenset({"loc", MODE_VARIABLE, "state", "passenger", "destination"})
 _COORDINATES = frozenset({"row", "col", "taxi_row", "taxi_col"})
 
 
@@ -66,7 +67,7 @@ def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
     places = (
         VariableKind(name, scale, 0, high) for name, high in zip(space.variable_names, highs, strict=True)
     )
-    return (*places, VariableKind("mode", "category", 0, num_modes - 1))
+    return (*places, VariableKind(MODE_VARIABLE, "category", 0, num_modes - 1))
 
 
 def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:

@@ -21,11 +21,11 @@ from merap.families.build import canonical
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import action_logits, log_policy
 from merap.mdp.alignment import align_actions, align_variables
-from merap.mdp.canonical import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.mdp.chain import induced_chain
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.prism.rendering import render_policy
 
 

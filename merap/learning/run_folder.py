@@ -35,6 +35,7 @@ from merap.learning.config import TrainingConfig
 from merap.mdp.canonical import canonicalise
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.umb import read_umb, write_umb
 
 KIND = "merap training run"
@@ -160,7 +161,7 @@ def read_tasks(run: RunFolder) -> list[TabularMDP]:
         InputError: an archive is missing or damaged.
     """
     combination = run.case.combination_at(0)
-    variables = (*run.case.space.variable_names, "mode")
+    variables = (*run.case.space.variable_names, MODE_VARIABLE)
     return [
         canonicalise(
             read_umb(run.path / BASE_FOLDER / f"{name}.umb"),

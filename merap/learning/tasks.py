@@ -15,8 +15,8 @@ from torch import Tensor
 
 from merap.errors import ModelError
 from merap.learning.observation import VariableKind, model_kinds, observation_features
-from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,11 @@ import numpy as np
 from merap.concerns.case_study import CaseStudy
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import GymnasiumSpec, HttpSpec, LiveSpec
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.systems.description import Interface
 from merap.systems.interface import ManagedSystem
 from merap.systems.renumbered import RenumberedSystem
 from merap.systems.served_dialect import open_served
-
-MODE = "mode"
 
 
 @contextmanager
@@ -35,7 +34,7 @@ def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterato
     if episodes >= scenario.spec.episodes:
         yield None
         return
-    variables = (*case.space.variable_names, MODE)
+    variables = (*case.space.variable_names, MODE_VARIABLE)
     if isinstance(spec, HttpSpec):
         with scenario.document.at("system"):
             remote = open_served(spec.url, timeout=spec.timeout, actions=case.actions, variables=variables)
@@ -65,7 +64,9 @@ def _environment(
     with environment:
         shown = [variable.name for variable in environment.interface.variables]
         with scenario.document.at("system"):
-            system = RenumberedSystem(environment, shown, actions=actions, variables=variables, constant=MODE)
+            system = RenumberedSystem(
+                environment, shown, actions=actions, variables=variables, constant=MODE_VARIABLE
+            )
         yield system
 
 

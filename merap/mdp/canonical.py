@@ -11,11 +11,8 @@ from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.csr import pointers_of
 from merap.mdp.matching import first_repeat, match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, FLAG_VARIABLE
 
-END_ACTION = "end"
-COMPLETE_LABEL = "done"
-# The variable that tells complete states apart; the canonical index has one state for all.
-FLAG_VARIABLE = "done"
 ABSORBING_VALUE = -1
 
 

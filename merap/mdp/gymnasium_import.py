@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from merap.errors import InputError
 from merap.mdp.assembly import Branches, assemble
-from merap.mdp.canonical import ABSORBING_VALUE, COMPLETE_LABEL, END_ACTION
+from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.graph import reachable_along
 from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
 from merap.mdp.gymnasium_toy_text import TableNames, names_of, numbered_names
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
 # state -> action -> [(probability, next state, reward, terminated)]; lists may stand for the mappings.
 Table = Mapping[int, Any] | Sequence[Any]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.errors import ModelError
-from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.csr import pointers_of
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from merap.concerns.combination import Innate
-from merap.prism.lines import Command, Variable
-from merap.prism.step_text import Step, StepWriter
+from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.prism.lines import Command, VariableLine
+from merap.prism.step_text import StepText, StepWriter
 from merap.prism.terms import bare
 
 
@@ -21,7 +22,7 @@ class CapabilityText:
     """
 
     mode_key: str
-    variables: list[Variable]
+    variables: list[VariableLine]
     commands: list[Command]
 
 
@@ -33,7 +34,7 @@ def capability_text(writer: StepWriter, *, fixed_start: bool) -> CapabilityText:
     initial = capability.initial_mode if fixed_start else None
     return CapabilityText(
         mode_key=", ".join(f"{index} {name}" for index, name in enumerate(combination.modes)),
-        variables=[Variable("mode", max(1, len(combination.modes) - 1), initial)],
+        variables=[VariableLine(MODE_VARIABLE, max(1, len(combination.modes) - 1), initial)],
         commands=[
             *(Command(action.name, guard, "true") for action in capability.external),
             *(_innate(writer, capability.innate, guard) if capability.innate else []),
@@ -43,16 +44,16 @@ def capability_text(writer: StepWriter, *, fixed_start: bool) -> CapabilityText:
 
 def _innate(writer: StepWriter, innate: Innate, in_terminal_mode: str) -> list[Command]:
     commands = [
-        Command(step.action, f"mode={step.mode}", _updates(step))
+        Command(step.action, f"{MODE_VARIABLE}={step.mode}", _updates(step))
         for action in innate.actions
         for step in writer.innate(action)
     ]
     if innate.restart:
-        commands.append(Command(innate.start_action, in_terminal_mode, f"(mode'={innate.entry})"))
+        commands.append(Command(innate.start_action, in_terminal_mode, f"({MODE_VARIABLE}'={innate.entry})"))
     return commands
 
 
-def _updates(step: Step) -> str:
+def _updates(step: StepText) -> str:
     if len(step.branches) == 1:
-        return f"(mode'={step.branches[0].mode})"
-    return " + ".join(f"{branch.probability} : (mode'={branch.mode})" for branch in step.branches)
+        return f"({MODE_VARIABLE}'={step.branches[0].mode})"
+    return " + ".join(f"{branch.probability} : ({MODE_VARIABLE}'={branch.mode})" for branch in step.branches)

@@ -22,6 +22,7 @@ from merap.concerns.expressions import (
 )
 from merap.concerns.space import Attribute
 from merap.mdp.model import Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.engine_form import engine_form, is_table
 from merap.prism.exactness import COMPARISONS, is_computed_right, is_decided_right, is_truth
 from merap.prism.lines import Formula
@@ -31,6 +32,7 @@ from merap.prism.terms import bare
 
 TABLE = "="  # begins the variables that stand for a table; no name of a user does
 MAX_COMMENT = 100
+_NEXT_MODE = f"{MODE_VARIABLE}'"
 # A comparison of two names or numbers, which reads best without spaces: mode=2.
 _COMPARISON = re.compile(
     r"(?<![-+*/<=] )(?<![^=]> )\b([A-Za-z_]\w*) (!=|<=|>=|=|<|>) (-?\w+)\b(?!/| [-+*/<>=!])"
@@ -95,9 +97,11 @@ class Formulas:
     def _form(
         self, expression: Expression, move: int | None, before: int | None, after: int | None
     ) -> Expression:
-        known = {"mode": before, "mode'": before if after is None else after}
+        known = {MODE_VARIABLE: before, _NEXT_MODE: before if after is None else after}
         folded = fold(expression, {name: Fraction(mode) for name, mode in known.items() if mode is not None})
-        unchanged = {"mode'"} if move is not None else {"mode'", *(f"{name}'" for name in self._by_name)}
+        unchanged = (
+            {_NEXT_MODE} if move is not None else {_NEXT_MODE, *(f"{name}'" for name in self._by_name)}
+        )
         return engine_form(_unprimed(folded, unchanged))
 
     def _exact(self, form: Expression, move: int | None) -> Expression:
@@ -117,7 +121,7 @@ class Formulas:
         return Operation(form.operator, tuple(self._mended(part, move) for part in form.arguments))
 
     def _levels(self, name: str) -> Levels:
-        if name == "mode":
+        if name == MODE_VARIABLE:
             return Levels(tuple(map(Fraction, range(len(self.combination.modes)))))
         return self._by_name[name.removesuffix("'")].column.levels
 
@@ -153,7 +157,7 @@ class Formulas:
 
     def _rename(self, move: int | None) -> Callable[[str], str]:
         def rename(name: str) -> str:
-            if name == "mode" or name.startswith(TABLE):
+            if name == MODE_VARIABLE or name.startswith(TABLE):
                 return name.removeprefix(TABLE)
             attribute = self._by_name[name.removesuffix("'")]
             return self._attribute(attribute, move if name.endswith("'") else None)

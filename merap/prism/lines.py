@@ -15,7 +15,7 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Variable:
+class VariableLine:
     """`name : [0..high] init initial;`; no `init` where `initial` is None."""
 
     name: str

@@ -7,9 +7,10 @@ from math import floor
 
 from merap.concerns.combination import Combination, Condition
 from merap.concerns.synthesis import least_reward
+from merap.mdp.reserved_names import FLAG_VARIABLE, GOAL_LABEL, UNSAFE_LABEL
 from merap.prism.lines import Command, Formula, Payment
 from merap.prism.location_text import predicate
-from merap.prism.step_text import Branch, Step, StepWriter
+from merap.prism.step_text import Branch, StepText, StepWriter
 from merap.prism.terms import bare
 
 
@@ -38,11 +39,13 @@ def objective_text(writer: StepWriter, *, fixed_start: bool) -> ObjectiveText:
     """The module for one objective."""
     objective = writer.combination.objective
     actions = _actions(writer)
-    labels = [Formula("goal", bare(predicate(writer.space, objective.goal)))]
+    labels = [Formula(GOAL_LABEL, bare(predicate(writer.space, objective.goal)))]
     if objective.unsafe is not None:
-        labels.append(Formula("unsafe", bare(_in_states(writer, objective.unsafe))))
+        labels.append(Formula(UNSAFE_LABEL, bare(_in_states(writer, objective.unsafe))))
     return ObjectiveText(
-        complete="done" if objective.ends_in is None else f"done | {_in_states(writer, objective.ends_in)}",
+        complete=FLAG_VARIABLE
+        if objective.ends_in is None
+        else f"{FLAG_VARIABLE} | {_in_states(writer, objective.ends_in)}",
         payments=[Payment(action, bare(writer.pay(steps))) for action, steps in actions.items()],
         fixed_start=fixed_start,
         commands=[Command(action, "!complete", _flag(writer, action)) for action in actions],
@@ -51,7 +54,7 @@ def objective_text(writer: StepWriter, *, fixed_start: bool) -> ObjectiveText:
     )
 
 
-def _actions(writer: StepWriter) -> dict[str, list[Step]]:
+def _actions(writer: StepWriter) -> dict[str, list[StepText]]:
     """Every action this capability has, in declared order, and its steps."""
     capability = writer.combination.capability
     actions = {action.name: [writer.external(action)] for action in capability.external}
@@ -61,7 +64,7 @@ def _actions(writer: StepWriter) -> dict[str, list[Step]]:
         actions |= {action.name: writer.innate(action) for action in innate.actions if action.transitions}
         if innate.restart:
             start = Branch("1", mode=innate.entry)
-            actions[innate.start_action] = [Step(innate.start_action, (start,))]
+            actions[innate.start_action] = [StepText(innate.start_action, (start,))]
     return actions
 
 
@@ -75,8 +78,8 @@ def _flag(writer: StepWriter, action: str) -> str:
         return "true"
     condition = writer.holds(ends_after, action, Branch("1"))
     if condition in ("true", "false"):
-        return "(done'=true)" if condition == "true" else "true"
-    return f"(done'=({bare(condition)}))"
+        return f"({FLAG_VARIABLE}'=true)" if condition == "true" else "true"
+    return f"({FLAG_VARIABLE}'=({bare(condition)}))"
 
 
 def _shift(combination: Combination) -> int:

@@ -14,14 +14,12 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.concerns.space import Space
 from merap.mdp.alignment import align_variables
-from merap.mdp.canonical import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
 from merap.prism.lines import Command
 from merap.prism.location_text import cases
 from merap.prism.terms import bare
-
-MODE_VARIABLE = "mode"
 
 # Decimals of a probability. Engines take their nearest double; exact ones see rows that sum to 1.
 _DECIMALS = 15

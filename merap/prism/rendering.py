@@ -13,6 +13,7 @@ import numpy as np
 
 from merap.concerns.combination import Combination
 from merap.mdp.model import Bools, TabularMDP
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.capability_text import capability_text
 from merap.prism.lines import Formula
 from merap.prism.location_text import predicate
@@ -143,7 +144,7 @@ def _terms(line: str) -> list[str]:
 
 
 def _initial(writer: StepWriter, starts: Bools) -> str:
-    terms = [predicate(writer.space, starts), f"mode={writer.combination.capability.initial_mode}"]
+    terms = [predicate(writer.space, starts), f"{MODE_VARIABLE}={writer.combination.capability.initial_mode}"]
     # A variable of one value has a range of two, as PRISM-games wants it.
     for name, column in zip(writer.space.variable_names, writer.space.valuations.T, strict=True):
         if column.max() == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from merap.concerns.combination import ExternalAction
 from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
-from merap.prism.lines import Command, Formula, Variable
+from merap.prism.lines import Command, Formula, VariableLine
 from merap.prism.location_text import cases, predicate
 from merap.prism.step_text import Branch, StepWriter
 from merap.prism.terms import bare
@@ -30,7 +30,7 @@ class SpaceText:
 
     location_key: list[str]
     moves: list[Formula]
-    variables: list[Variable]
+    variables: list[VariableLine]
     commands: list[Command]
 
 
@@ -58,10 +58,10 @@ def _location_key(space: Space) -> list[str]:
     return [", ".join(pairs[begin : begin + KEY_WIDTH]) for begin in range(0, len(pairs), KEY_WIDTH)]
 
 
-def _variables(space: Space, starts: Bools) -> list[Variable]:
+def _variables(space: Space, starts: Bools) -> list[VariableLine]:
     first = space.valuations[np.flatnonzero(starts)]
     return [
-        Variable(name, max(1, int(column.max())), int(values[0]) if len(values) == 1 else None)
+        VariableLine(name, max(1, int(column.max())), int(values[0]) if len(values) == 1 else None)
         for name, column, values in zip(space.variable_names, space.valuations.T, first.T, strict=True)
     ]
 

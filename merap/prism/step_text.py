@@ -13,6 +13,7 @@ from merap.concerns.expressions import (
     render_constant,
 )
 from merap.mdp.model import Bools
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.formulas import Formulas
 from merap.prism.location_text import predicate
 from merap.prism.terms import alternatives, condition_of, conjunction
@@ -34,7 +35,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Step:
+class StepText:
     """An action and its ways to turn out, from one mode (None: whichever)."""
 
     action: str
@@ -50,7 +51,7 @@ class StepWriter:
         self.space = combination.space
         self.formulas = Formulas(combination)
 
-    def external(self, action: ExternalAction) -> Step:
+    def external(self, action: ExternalAction) -> StepText:
         """An external action."""
         intended = action.outcomes[0].move
         branches = [
@@ -58,12 +59,12 @@ class StepWriter:
             for outcome in action.outcomes
             if outcome.probability != Constant(Fraction(0))
         ]
-        return Step(action.name, tuple(branches))
+        return StepText(action.name, tuple(branches))
 
-    def innate(self, action: InnateAction) -> list[Step]:
+    def innate(self, action: InnateAction) -> list[StepText]:
         """An innate action, from each mode in which it is defined."""
         return [
-            Step(
+            StepText(
                 action.name,
                 tuple(Branch(render_constant(p), mode=successor) for successor, p in row.items() if p),
                 mode,
@@ -75,7 +76,7 @@ class StepWriter:
         """Membership of the mode in `modes` (bool [Q]): an atom, or in parentheses."""
         if modes.all():
             return "true"
-        return alternatives([f"mode={mode}" for mode in np.flatnonzero(modes)])
+        return alternatives([f"{MODE_VARIABLE}={mode}" for mode in np.flatnonzero(modes)])
 
     def holds(self, condition: Condition, action: str, branch: Branch, mode: int | None = None) -> str:
         """When `condition` holds of a step: `true`, `false`, a comparison, or in parentheses.
@@ -111,15 +112,15 @@ class StepWriter:
             return "true"
         return self.mode_in(allowed if mode is None else np.full_like(allowed, allowed[mode]))
 
-    def pay(self, steps: list[Step]) -> str:
+    def pay(self, steps: list[StepText]) -> str:
         """The expected reward of an action: an atom, or in parentheses."""
         texts = [(step.mode, self._expected(step)) for step in steps]
         if len({text for _, text in texts}) == 1:
             return texts[0][1]
-        chain = "".join(f"mode={mode} ? {text} : " for mode, text in texts[:-1])
+        chain = "".join(f"{MODE_VARIABLE}={mode} ? {text} : " for mode, text in texts[:-1])
         return f"({chain}{texts[-1][1]})"
 
-    def _expected(self, step: Step) -> str:
+    def _expected(self, step: StepText) -> str:
         earned = [self._reward(step, branch) for branch in step.branches]
         if len(set(earned)) == 1:
             return earned[0]
@@ -130,7 +131,7 @@ class StepWriter:
         ]
         return f"({' + '.join(terms)})"
 
-    def _reward(self, step: Step, branch: Branch) -> str:
+    def _reward(self, step: StepText, branch: Branch) -> str:
         """First match wins, no match earns 0."""
         after = step.mode if branch.mode is None else branch.mode
         chain, last = "", "0"

@@ -13,6 +13,7 @@ from merap.concerns.combination import Combination
 from merap.concerns.expressions import Constant, Expression, Value, render_constant, tabulate, variables
 from merap.concerns.steps import scope_of
 from merap.mdp.model import Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.location_text import cases, predicate
 from merap.prism.terms import alternatives, bare
 
@@ -33,7 +34,7 @@ def table_of(
         The value, if it is the same everywhere; else a PRISM expression. Where the value is undefined or
         the mode does not matter, the expression has any of its values.
     """
-    if not any(variable.name == "mode" for variable in variables(expression)):
+    if not any(variable.name == MODE_VARIABLE for variable in variables(expression)):
         modes = modes[:1]
     here = np.repeat(np.arange(combination.space.num_locations), len(modes))
     mode = np.tile(np.array(modes, dtype=np.int64), combination.space.num_locations)
@@ -57,6 +58,8 @@ def _text(combination: Combination, values: Sequence[Value], index: Ints, modes:
             texts.append(cases(combination.space, [render_constant(value) for value in values], column))
     chain = ""
     for number, text in enumerate(texts[:-1]):
-        members = [f"mode={mode}" for mode, of in zip(modes, group.ravel(), strict=True) if of == number]
+        members = [
+            f"{MODE_VARIABLE}={mode}" for mode, of in zip(modes, group.ravel(), strict=True) if of == number
+        ]
         chain += f"{bare(alternatives(members))} ? {text} : "
     return f"{chain}{texts[-1]}" if chain else bare(texts[-1])

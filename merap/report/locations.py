@@ -13,6 +13,7 @@ from merap.concerns.combination import Combination
 from merap.concerns.space import Space
 from merap.concerns.steps import holds_in_states
 from merap.mdp.model import Bools, Floats
+from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
@@ -62,17 +63,17 @@ _CROSS = Layer("x", "white", "white", 0.45, 0.09, 4)
 _BAR = Layer("_", "white", "white", 0.6, 0.16, 4)
 _ON_GRAPH = {
     "start": (Layer("s", SKY_BLUE, INK, 1.5, 0.05, 2),),
-    "goal": (Layer("*", GREEN, INK, 2.3, 0.05, 2),),
+    GOAL_LABEL: (Layer("*", GREEN, INK, 2.3, 0.05, 2),),
     "blocked (environment)": (Layer("o", WALL, INK, 1.0, 0.05, 3.5), _CROSS),
     "no entry (capability)": (Layer("o", PURPLE, INK, 1.0, 0.05, 3.6), _BAR),
-    "unsafe": (Layer("^", YELLOW, INK, 0.6, 0.07, 4, (0.8, 0.8)),),
+    UNSAFE_LABEL: (Layer("^", YELLOW, INK, 0.6, 0.07, 4, (0.8, 0.8)),),
 }
 _ON_GRID = {
     "start": (Layer("s", "none", SKY_BLUE, 0.78, 0.11, 3.5),),
-    "goal": (Layer("*", GREEN, INK, 0.66, 0.03, 3.6),),
+    GOAL_LABEL: (Layer("*", GREEN, INK, 0.66, 0.03, 3.6),),
     "blocked (environment)": (Layer("s", WALL, WALL, 0.9, 0.0, 3.5), _CROSS),
     "no entry (capability)": (Layer("s", PURPLE, PURPLE, 0.9, 0.0, 3.6), _BAR),
-    "unsafe": (Layer("^", YELLOW, INK, 0.28, 0.03, 4, (0.58, 0.58)),),
+    UNSAFE_LABEL: (Layer("^", YELLOW, INK, 0.28, 0.03, 4, (0.58, 0.58)),),
 }
 
 
@@ -82,10 +83,10 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
     combination = panel.combination
     masks = {
         "start": combination.objective.start > 0,
-        "goal": combination.objective.goal,
+        GOAL_LABEL: combination.objective.goal,
         "blocked (environment)": combination.environment.blocked,
         "no entry (capability)": combination.capability.no_entry,
-        "unsafe": unsafe_locations(combination) & ~combination.environment.blocked,
+        UNSAFE_LABEL: unsafe_locations(combination) & ~combination.environment.blocked,
     }
     styles = _ON_GRID if panel.extent.is_grid else _ON_GRAPH
     entries = [heading("Locations")]
@@ -168,7 +169,7 @@ def draw_names(panel: Panel) -> None:
     pieces = [np.stack([line[:-1], line[1:]]) for line in panel.lines.lines]
     first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
     points = ((1 - steps) * first + steps * second).reshape(-1, 2)
-    reach = np.where(combination.objective.goal, _ON_GRAPH["goal"][0].size, 1.15)
+    reach = np.where(combination.objective.goal, _ON_GRAPH[GOAL_LABEL][0].size, 1.15)
     reach = np.where(combination.objective.start > 0, np.maximum(reach, _ON_GRAPH["start"][0].size), reach)
     radii = reach * extent.radius * extent.scale
     page = (extent.low * extent.scale, extent.high * extent.scale)

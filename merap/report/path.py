@@ -12,8 +12,8 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.concerns.synthesis import synthesise_pair
 from merap.errors import ModelError
-from merap.mdp.canonical import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
 
 Ending: TypeAlias = Literal["completed", "loop", "open"]
 
@@ -176,8 +176,8 @@ def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) 
     variables = mdp.valuations[states][:, columns]
     locations = variables[:, 0] if space.shape is None else variables @ np.array([space.shape[1], 1])
     modes = np.zeros_like(locations)
-    if "mode" in mdp.variable_names:
-        modes = mdp.valuations[states, mdp.variable_names.index("mode")]
+    if MODE_VARIABLE in mdp.variable_names:
+        modes = mdp.valuations[states, mdp.variable_names.index(MODE_VARIABLE)]
     return np.array(locations), np.array(modes)
 
 

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.errors import InputError, ModelError
-from merap.mdp.canonical import COMPLETE_LABEL, END_ACTION
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, UNSAFE_LABEL
 from merap.shield.outcomes import OutcomeSets, Rows, distinct, rows
-
-UNSAFE_LABEL = "unsafe"
 
 
 @dataclass(frozen=True, eq=False)

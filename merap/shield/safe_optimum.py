@@ -13,11 +13,9 @@ from merap.concerns.combination import Combination
 from merap.concerns.synthesis import attach, attach_everywhere
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, UNSAFE_LABEL
 from merap.shield.constrained import constrained_optimum
-from merap.shield.models import UNSAFE_LABEL
 from merap.systems.slip import slipping_pair
-
-DONE_LABEL = "done"
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,6 @@ def _value(whole: TabularMDP, horizon: int, threshold: float) -> float:
 
 def _completion(model: TabularMDP) -> TabularMDP:
     """The same with a reward of 1 for completing the task, and no other."""
-    done = model.labels[DONE_LABEL]
+    done = model.labels[COMPLETE_LABEL]
     reward = np.where(done[model.choice_state], 0.0, model.transitions @ done.astype(np.float64))
     return replace(model, choice_reward=reward, branch_reward=None)

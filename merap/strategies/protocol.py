@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from merap.errors import ModelError
-from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.strategies.evaluation import Range, Row
 from merap.systems.interface import ManagedSystem
 from merap.systems.strategy import Strategy

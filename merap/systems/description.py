@@ -14,6 +14,7 @@ from typing import Any
 
 from merap.concerns.combination import Combination
 from merap.mdp.canonical import ABSORBING_VALUE
+from merap.mdp.reserved_names import MODE_VARIABLE
 
 Json = dict[str, Any]
 MAX_NAMES = 10_000
@@ -69,7 +70,7 @@ def interface_of(combination: Combination, *, detect: bool) -> Interface:
         Variable(name, ABSORBING_VALUE, high, places)
         for name, high in zip(space.variable_names, highest, strict=True)
     ]
-    mode = Variable("mode", ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
+    mode = Variable(MODE_VARIABLE, ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
     detectors = tuple(detector.name for detector in space.detectors) if detect else ()
     horizon = combination.objective.horizon
     return Interface(combination.name, combination.actions, (*located, mode), detectors, horizon)

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.combination import END, Combination
+from merap.concerns.combination import Combination
 from merap.errors import EngineError, InputError
 from merap.mdp.csr import first_match, row_best
 from merap.mdp.graph import surely_reaching
 from merap.mdp.model import Ints, TabularMDP
+from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.simulation import simulator
 
 PRECISION = 1e-9
@@ -47,7 +48,7 @@ def way_to(pair: TabularMDP, location: int) -> Way:
     target = np.arange(pair.num_states) // num_modes == location
     inside = surely_reaching(pair, target)
     leaving = np.bincount(pair.branch_choice[~inside[pair.branch_target]], minlength=pair.num_choices) > 0
-    refused = leaving | (pair.choice_action == pair.action_names.index(END))
+    refused = leaving | (pair.choice_action == pair.action_names.index(END_ACTION))
     steps = np.zeros(pair.num_states)
     for _ in range(MAX_SWEEPS):
         of_choices = np.where(refused, np.inf, 1 + pair.transitions @ steps)

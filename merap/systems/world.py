@@ -14,6 +14,7 @@ from merap.concerns.steps import holds_in_states
 from merap.concerns.synthesis import attach_everywhere
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.simulation import Simulator, simulator
 from merap.systems.return_policy import Homing
 from merap.systems.slip import slipping_pair
@@ -88,7 +89,7 @@ def situated_world(combination: Combination, slip: float) -> Situated:
     """
     pair = slipping_pair(combination, slip)
     whole = attach_everywhere(pair, combination)
-    done = whole.labels["done"]
+    done = whole.labels[COMPLETE_LABEL]
     seen = np.where(done[:, np.newaxis], ABSORBING_VALUE, whole.valuations[:, :-1])
     seen.flags.writeable = False
     number = np.where(done, pair.num_states, np.arange(whole.num_states) // 2)

@@ -27,7 +27,7 @@ from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import load_case
 from merap.systems.simulated import SimulatedSystem
 from scripts.bench.belief_quality import Meeting, drawn_figures, meeting
-from scripts.bench.following import CONDITIONS, Condition, Lengths
+from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
 
 MODELS = Path(__file__).parents[2] / "models"
 # 10,626 environments of the paper's kind: any 4 of 24 cells are blocked.
@@ -114,7 +114,7 @@ def _timed(met: Meeting, episodes: int) -> dict[str, list[float]]:
     return seconds
 
 
-def chosen_conditions(names: Sequence[str] | None) -> list[Condition]:
+def chosen_conditions(names: Sequence[str] | None) -> list[NoiseCondition]:
     """The conditions of these names; all of them if None."""
     known = {condition.name: condition for condition in CONDITIONS}
     wrong = [name for name in names or () if name not in known]

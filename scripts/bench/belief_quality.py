@@ -23,7 +23,7 @@ from merap.strategies.protocol import reachable_range
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.slip import slipping_model
 from scripts.bench.drawn_grids import drawn_case
-from scripts.bench.following import Condition, Lengths, followed, outside_of
+from scripts.bench.following import Lengths, NoiseCondition, followed, outside_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +39,13 @@ class Meeting:
     """
 
     system: Combination
-    condition: Condition
+    condition: NoiseCondition
     hypotheses: HypothesisSpace
     model: TabularMDP
     reachable: Range
 
 
-def meeting(case: CaseStudy, condition: Condition) -> Meeting:
+def meeting(case: CaseStudy, condition: NoiseCondition) -> Meeting:
     """The system `met` of a case."""
     system = case.system("met")
     model = slipping_model(system, condition.slip)
@@ -63,7 +63,7 @@ def followed_belief(met: Meeting, seed: int, lengths: Lengths) -> tuple[Run, Bel
 
 
 def drawn_figures(
-    numbers: Sequence[int], condition: Condition, lengths: Lengths, folder: Path
+    numbers: Sequence[int], condition: NoiseCondition, lengths: Lengths, folder: Path
 ) -> Iterator[dict[str, Any]]:
     """A row for each drawn case, met once.
 

@@ -16,7 +16,7 @@ from merap.systems.strategy import Strategy
 
 
 @dataclass(frozen=True)
-class Condition:
+class NoiseCondition:
     """What makes it hard to learn from what a system shows.
 
     Attributes:
@@ -30,12 +30,12 @@ class Condition:
     slip: float = 0.0
 
 
-UNDISTURBED = Condition("none")
+UNDISTURBED = NoiseCondition("none")
 CONDITIONS = (
     UNDISTURBED,
-    Condition("noise", noise=0.5),
-    Condition("slip", slip=0.1),
-    Condition("both", noise=0.5, slip=0.1),
+    NoiseCondition("noise", noise=0.5),
+    NoiseCondition("slip", slip=0.1),
+    NoiseCondition("both", noise=0.5, slip=0.1),
 )
 
 

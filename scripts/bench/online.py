@@ -22,7 +22,7 @@ from merap.learning.config import TrainingConfig
 from merap.learning.running import train
 from merap.strategies.registry import BELIEF
 from scripts.bench.belief import chosen_conditions
-from scripts.bench.following import CONDITIONS, UNDISTURBED, Condition, Lengths
+from scripts.bench.following import CONDITIONS, UNDISTURBED, Lengths, NoiseCondition
 from scripts.bench.strategy_quality import COMPARED, strategy_figures
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -93,7 +93,7 @@ def online(
     )
 
 
-def _compared(rows: Sequence[Row], condition: Condition) -> Table:
+def _compared(rows: Sequence[Row], condition: NoiseCondition) -> Table:
     """A row for each case and strategy under one condition."""
     table = Table(title=f"condition: {condition.name}")
     for name in COLUMNS.values():

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, UNSAFE_LABEL
 from merap.mdp.simulation import simulator
 from merap.shield.budget import permitted, spent
-from merap.shield.models import UNSAFE_LABEL, credible_models
+from merap.shield.models import credible_models
 from scripts.bench.shield_planning import Guide, Plans
 
 CONFIDENCE = 0.95

@@ -14,7 +14,7 @@ from merap.strategies.adaptation import best_median_worst, values_of_pretrained
 from merap.strategies.evaluation import Run, summary
 from merap.strategies.ground_truth import Conditions, Encounter, encounter, met_system
 from merap.strategies.registry import ALL, PRETRAINED, STRATEGIES
-from scripts.bench.following import Condition, Lengths, followed, outside_of
+from scripts.bench.following import Lengths, NoiseCondition, followed, outside_of
 
 COMPARED = tuple(f"{name}:{ALL}" if name == PRETRAINED else name for name in STRATEGIES)
 
@@ -22,7 +22,7 @@ COMPARED = tuple(f"{name}:{ALL}" if name == PRETRAINED else name for name in STR
 def strategy_figures(
     run: RunFolder,
     strategies: Sequence[str],
-    condition: Condition,
+    condition: NoiseCondition,
     seeds: Sequence[int],
     lengths: Lengths,
     episodes_per_step: int,

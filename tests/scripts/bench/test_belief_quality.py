@@ -8,7 +8,7 @@ from merap.concerns.case_study import load_case
 from merap.families.build import model_of
 from merap.mdp.planning import optimum
 from scripts.bench.belief_quality import drawn_figures, followed_belief, meeting
-from scripts.bench.following import CONDITIONS, Condition, Lengths
+from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
 from tests.support.paths import MODELS
 
 PAPER = MODELS / "paper-grid"
@@ -16,7 +16,7 @@ PAPER = MODELS / "paper-grid"
 
 def test_slip_is_in_the_model_that_scores() -> None:
     case = load_case(PAPER / "rq1-1.yaml")
-    met = meeting(case, Condition("slip", slip=0.1))
+    met = meeting(case, NoiseCondition("slip", slip=0.1))
     assert met.reachable.optimum < optimum(model_of(case.system("met")), 18)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench.following import Condition, Lengths
+from scripts.bench.following import Lengths, NoiseCondition
 from scripts.bench.strategy_quality import COMPARED, strategy_figures
 from tests.support.trained_runs import trained
 
@@ -12,7 +12,9 @@ from tests.support.trained_runs import trained
 def test_a_row_for_each_strategy_and_three_for_pretrained_policies(tmp_path: Path) -> None:
     run = trained(tmp_path / "run")
     strategies = ("oracle", "gradient", "pretrained:all")
-    rows = list(strategy_figures(run, strategies, Condition("slip", slip=0.2), range(2), Lengths(4, 4), 2))
+    rows = list(
+        strategy_figures(run, strategies, NoiseCondition("slip", slip=0.2), range(2), Lengths(4, 4), 2)
+    )
     assert [row["strategy"] for row in rows] == [
         *("oracle", "gradient"),
         *("pretrained, best", "pretrained, median", "pretrained, worst"),
