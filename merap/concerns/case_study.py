@@ -1,4 +1,4 @@
-"""A case study: a space, the supports of three concerns, and systems that are met online."""
+"""Load a case study: a space, the supports of three concerns, and the systems that are met online."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class CaseStudy(ShortRepr):
         return environments * capabilities * objectives
 
     def combinations(self, limit: int = DEFAULT_LIMIT) -> Iterator[Combination]:
-        """All combinations, environment first, objective last and fastest.
+        """Return all combinations in order: environment first, objective last and fastest.
 
         Raises:
             InputError: there are more than `limit`.
@@ -177,7 +177,7 @@ class CaseStudy(ShortRepr):
         )
 
     def covered(self, combination: Combination) -> bool:
-        """Whether `combination` is in the support: its configurations, its start and its horizon."""
+        """Return whether `combination` is in the support: its configurations, its start and its horizon."""
         indices = self._indices(
             f"{combination.environment.name}.{combination.capability.name}.{combination.objective.name}"
         )

@@ -1,4 +1,4 @@
-"""From the `configurations` of the case file to named or generated ones."""
+"""Read the `configurations` of the case file, named or generated."""
 
 from __future__ import annotations
 

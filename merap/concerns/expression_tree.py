@@ -1,4 +1,4 @@
-"""Expressions as trees."""
+"""Define expressions as trees."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Expression: TypeAlias = Constant | Variable | Operation
 
 
 def variables(expression: Expression) -> Iterator[Variable]:
-    """Every occurrence of a variable, left to right."""
+    """Yield every occurrence of a variable, left to right."""
     if isinstance(expression, Variable):
         yield expression
     elif isinstance(expression, Operation):
@@ -49,5 +49,5 @@ def variables(expression: Expression) -> Iterator[Variable]:
 
 
 def exact(number: float) -> Fraction:
-    """The fraction a decimal stands for: 0.8 is 4/5, not the nearest double."""
+    """Return the fraction that a decimal stands for: 0.8 is 4/5, not the nearest double."""
     return Fraction(repr(number)) if isinstance(number, float) else Fraction(number)

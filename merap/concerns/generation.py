@@ -27,7 +27,7 @@ MAX_LABEL_LENGTH = 80
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Choice(ShortRepr):
-    """What one parameter ranges over.
+    """The values that one parameter ranges over.
 
     Attributes:
         parameter: its name.
@@ -47,7 +47,7 @@ class Choice(ShortRepr):
 
     @cached_property
     def count(self) -> int:
-        """How many values there are."""
+        """The number of values."""
         if self.sizes is None:
             return len(self.members)
         return sum(math.comb(len(self.members), size) for size in self.sizes)
@@ -83,7 +83,7 @@ class Choice(ShortRepr):
         return tuple(sorted(self.members[position] for position in positions))
 
     def values(self) -> Iterator[ParameterValue]:
-        """All values by rank."""
+        """Yield all values by rank."""
         everything = range(len(self.members))
         for size in self.sizes if self.sizes is not None else (1,):
             for positions in itertools.combinations(everything, size):
@@ -174,7 +174,7 @@ class Product(ShortRepr):
 
     @cached_property
     def count(self) -> int:
-        """How many there are."""
+        """The number of combinations."""
         return math.prod(choice.count for choice in self.choices)
 
     def ranks(self, rank: int) -> tuple[int, ...]:
@@ -200,7 +200,7 @@ class Product(ShortRepr):
         return {choice.parameter: choice.value(r) for choice, r in zip(self.choices, ranks, strict=True)}
 
     def all_values(self) -> Iterator[Values]:
-        """All of them by rank."""
+        """Yield all of them by rank."""
         names = [choice.parameter for choice in self.choices]
         for values in itertools.product(*(choice.values() for choice in self.choices)):
             yield dict(zip(names, values, strict=True))
@@ -232,7 +232,7 @@ class Product(ShortRepr):
 
 
 def separators(labels: Sequence[str]) -> tuple[str, str]:
-    """What joins members and what joins parameters so that names can be read back.
+    """Return the separators of members and of parameters with which names can be read back.
 
     Raises:
         InputError: no separator is safe.

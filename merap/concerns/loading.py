@@ -1,4 +1,4 @@
-"""The steps from a case file to the supports of a case study."""
+"""Load a case file step by step, up to the supports of the case study."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ REMEMBERED_CELLS = 50_000_000
 
 
 def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
-    """The case file, its content and the schema's view of it.
+    """Read a case file; return its path, its content and the schema's view of it.
 
     Raises:
         InputError: it can't be read or does not fit the schema.
@@ -63,7 +63,7 @@ def _with_space_file(document: Document, file: Path) -> Document:
 
 
 def digest(document: Document) -> str:
-    """Hexadecimal SHA-256 of the case file and the space file."""
+    """Return the hexadecimal SHA-256 of the case file and the space file."""
     running = hashlib.sha256(document.content)
     for mounted in document.mounts.values():
         running.update(mounted.content)
@@ -84,7 +84,7 @@ def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
 
 
 def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolvers) -> Supports:
-    """The configurations of the three concerns; none closes a start location.
+    """Make the configurations of the three concerns; none closes a start location.
 
     Raises:
         InputError: a concern is empty, a value not allowed or a start closed.
@@ -117,7 +117,7 @@ def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolve
 
 
 def _starts(context: ResolutionContext, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
-    """Every location where some objective may start."""
+    """Return every location where some objective may start."""
     starts: set[int] = set()
     for point in spec.start:
         with context.document.at("objective", "start"):

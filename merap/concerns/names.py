@@ -41,7 +41,7 @@ STORM_KEYWORDS = _words(
 
 KEYWORDS = PRISM_GAMES_KEYWORDS | STORM_KEYWORDS
 
-# What the PRISM text of a combination declares by itself.
+# Names that the PRISM text of a combination declares by itself.
 RESERVED = _words(
     """
     end done complete goal unsafe deadlock out_of_bounds row col loc mode shift space environment

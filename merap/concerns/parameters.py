@@ -1,4 +1,4 @@
-"""Values of parameters: from the file's form to one canonical form and back.
+"""Bring values of parameters from the file's form to one canonical form and back.
 
 Canonical forms, by type: `location` an index; `locations` a tuple of rising indices; `edges`
 a tuple of rising (location, label) indices; `probability`, `int`, `real` a `Fraction`;
@@ -34,7 +34,7 @@ EXPRESSION_KINDS: Mapping[ParameterType, Kind] = {
 
 
 def parse_value(kind: ParameterType, raw: Any, space: Space) -> ParameterValue:
-    """The canonical form of a value of a parameter of type `kind`.
+    """Return the canonical form of a value of a parameter of type `kind`.
 
     Raises:
         InputError: it has another type, or names a location or edge that is not there.
@@ -56,7 +56,7 @@ def parse_value(kind: ParameterType, raw: Any, space: Space) -> ParameterValue:
 
 
 def parse_location_set(raw: Any) -> LocationSet:
-    """As the schema does, with its message as an `InputError`."""
+    """Parse locations as the schema does; its message becomes an `InputError`."""
     try:
         return location_set(raw)
     except PydanticCustomError as error:
@@ -64,7 +64,7 @@ def parse_location_set(raw: Any) -> LocationSet:
 
 
 def find_locations(refs: LocationSet, space: Space) -> tuple[int, ...]:
-    """Indices of the locations, in the order given.
+    """Return the indices of the locations, in the order given.
 
     Raises:
         InputError: a location is not there.
@@ -75,7 +75,7 @@ def find_locations(refs: LocationSet, space: Space) -> tuple[int, ...]:
 
 
 def find_location(ref: LocationRef, space: Space) -> int:
-    """The index of a location.
+    """Return the index of a location.
 
     Raises:
         InputError: it is not there.
@@ -112,7 +112,7 @@ def _parse_edges(raw: Any, space: Space) -> tuple[Edge, ...]:
 
 
 def find_edges(entry: Any, space: Space) -> tuple[Edge, ...]:
-    """The (location, label) indices of `[from, to]` (all labels) or `[from, to, label]`.
+    """Return the (location, label) indices of `[from, to]` (all labels) or `[from, to, label]`.
 
     Raises:
         InputError: it has another form, or there is no such edge.
@@ -148,7 +148,7 @@ def _parse_number(kind: ParameterType, raw: Any) -> Fraction:
 
 
 def present(kind: ParameterType, value: Any, space: Space) -> Any:
-    """The form a file would give `value` in: names, `[row, col]`, numbers."""
+    """Return the form that a file would give `value`: names, `[row, col]`, numbers."""
     if kind == "location":
         return _present_location(value, space)
     if kind == "locations":
@@ -174,12 +174,12 @@ def _present_location(index: int, space: Space) -> str | list[int]:
 
 
 def present_all(types: ParameterTypes, values: Values, space: Space) -> dict[str, Any]:
-    """Name -> value as a file would give it, in declared order."""
+    """Return name -> value as a file would give it, in declared order."""
     return {name: present(kind, values[name], space) for name, kind in types.items()}
 
 
 def constants(types: ParameterTypes, values: Values) -> dict[str, Fraction | bool]:
-    """The parameters that expressions can read, as `expressions.fold` wants them."""
+    """Return the parameters that expressions can read, as `expressions.fold` wants them."""
     readable: dict[str, Fraction | bool] = {}
     for name, kind in types.items():
         value = values[name]
@@ -189,6 +189,6 @@ def constants(types: ParameterTypes, values: Values) -> dict[str, Fraction | boo
 
 
 def held_locations(values: Values, parameter: str) -> tuple[int, ...]:
-    """The locations a parameter of type location or locations holds; none if there is no such one."""
+    """Return the locations that a parameter holds; none if there is no such parameter."""
     held: Any = values.get(parameter, ())
     return held if isinstance(held, tuple) else (held,)

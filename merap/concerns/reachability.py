@@ -1,4 +1,4 @@
-"""Which environments leave goals reachable from starts, for many environments at once."""
+"""Find the environments that leave goals reachable from starts, many at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all configurations of a case have in common while they are resolved."""
+"""Hold what all configurations of a case share while they are resolved."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class ResolutionContext(ShortRepr):
     actions: tuple[str, ...]
 
     def variable_kinds(self, *, primed: tuple[str, ...] = ()) -> dict[str, Kind]:
-        """Types of the attributes, the mode and the names of modes.
+        """Return the types of the attributes, the mode and the names of modes.
 
         Args:
-            primed: which of `attributes` and `mode` may be read of the successor too.
+            primed: `attributes` and `mode`, if they may be read of the successor too.
         """
         kinds: dict[str, Kind] = dict.fromkeys((MODE_VARIABLE, *self.modes), "number")
         for attribute in self.space.attributes:
@@ -102,7 +102,7 @@ class ResolutionContext(ShortRepr):
         return frozen(mask)
 
     def select(self, refs: LocationSet, types: ParameterTypes, values: Values) -> tuple[int, ...]:
-        """Indices of locations that are named, or held by a parameter that is named.
+        """Return the indices of locations that are named, or held by a parameter that is named.
 
         Raises:
             InputError: without place: a location is not there.
@@ -131,11 +131,11 @@ class ResolutionContext(ShortRepr):
 
 
 def frozen(array: Bools) -> Bools:
-    """The array, read-only."""
+    """Return the array, read-only."""
     array.flags.writeable = False
     return array
 
 
 def expression_kinds(types: ParameterTypes) -> dict[str, Kind]:
-    """Types of the parameters that expressions can read."""
+    """Return the types of the parameters that expressions can read."""
     return {name: EXPRESSION_KINDS[kind] for name, kind in types.items() if kind in EXPRESSION_KINDS}

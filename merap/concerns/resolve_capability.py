@@ -1,4 +1,4 @@
-"""From a configuration of the capability to a `Capability`."""
+"""Resolve configurations of the capability."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ class CapabilityResolver:
         return folded
 
     def names_read(self) -> set[str]:
-        """Names of the parameters that expressions read."""
+        """Return the names of the parameters that expressions read."""
         found = [template.requires for template in self.actions]
         found += [outcome.probability for template in self.actions for outcome in template.outcomes]
         if self.innate is not None:
@@ -244,6 +244,6 @@ class CapabilityResolver:
 
 
 def names_in(expressions: list[Expression]) -> set[str]:
-    """Names of the variables in some expressions, without primes."""
+    """Return the names of the variables in some expressions, without primes."""
     read: list[Variable] = [variable for expression in expressions for variable in variables(expression)]
     return {variable.name.removesuffix("'") for variable in read}

@@ -1,4 +1,4 @@
-"""From a configuration of the environment to an `Environment`."""
+"""Resolve configurations of the environment."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class EnvironmentResolver(ShortRepr):
         )
 
     def names_read(self) -> set[str]:
-        """Names of the parameters that the attributes read."""
+        """Return the names of the parameters that the attributes read."""
         settings = [setting for entry in self.spec.attributes.values() for setting in entry]
         read = {setting.value for setting in settings if isinstance(setting.value, str)}
         places = [setting.at for setting in settings if not isinstance(setting.at, Box)]

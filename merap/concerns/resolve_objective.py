@@ -1,4 +1,4 @@
-"""From a configuration of the objective to an `Objective`."""
+"""Resolve configurations of the objective."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ class ObjectiveResolver:
         return [template for template, _ in self.rules] + [end for end in ends if end is not None]
 
     def names_read(self) -> set[str]:
-        """Names of the parameters that expressions, locations or the start read."""
+        """Return the names of the parameters that expressions, locations or the start read."""
         found = [value for _, value in self.rules]
         found += [template.where for template in self.templates if template.where is not None]
         places = [refs for template in self.templates for refs in (template.at, template.to)]

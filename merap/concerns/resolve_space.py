@@ -1,4 +1,4 @@
-"""From the `space` of the case file to a `Space`."""
+"""Resolve the `space` of the case file."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 
-# What expressions read as a part of their own syntax.
+# Words that belong to the syntax of expressions.
 _EXPRESSION_WORDS = frozenset(
     {MODE_VARIABLE, "true", "false", "min", "max", "floor", "ceil", "pow", "mod", "log"}
 )
 
 
 def resolve_space(document: Document, spec: SpaceSpec) -> Space:
-    """The space, with every attribute at its default values.
+    """Resolve the space, with every attribute at its default values.
 
     Raises:
         InputError: a name is illegal, an edge leads nowhere or stands twice, a value is out of range.
@@ -157,7 +157,7 @@ def apply_settings(
     find: Callable[[LocationSet], tuple[int, ...]],
     parameters: Mapping[str, Any],
 ) -> Attribute:
-    """The attribute with some of its values set; later settings win.
+    """Set some values of an attribute; later settings win.
 
     Args:
         document: where errors are placed.
@@ -185,7 +185,7 @@ def apply_settings(
 
 
 def attribute_value(kind: str, low: float, high: float, value: Any) -> float:
-    """The number that stands for a value of an attribute.
+    """Return the number that stands for a value of an attribute.
 
     Raises:
         InputError: it has another type or is out of range.

@@ -1,4 +1,4 @@
-"""What makes the configurations of the three concerns, together."""
+"""Hold the resolvers of the three concerns together."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from merap.mdp.short_repr import ShortRepr
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Resolvers(ShortRepr):
-    """What makes the configurations of each concern."""
+    """The resolver of each concern."""
 
     environment: EnvironmentResolver
     capability: CapabilityResolver

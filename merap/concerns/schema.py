@@ -31,7 +31,7 @@ MAX_HORIZON = 1_000_000
 
 
 class ChoiceSpec(Spec):
-    """What one parameter ranges over."""
+    """The values that one parameter ranges over."""
 
     choose: int | None = Field(
         default=None, ge=1, le=1000, description="how many members, for locations and edges"
@@ -100,7 +100,7 @@ class EnvironmentSpec(Spec):
 
 
 class CapabilitySpec(Spec):
-    """What the system can do."""
+    """The capability: the actions of the system."""
 
     parameters: dict[Name, ParameterType] = Field(
         default={}, description="name: type; `no_entry` (locations): where this system can't go"
@@ -191,7 +191,7 @@ Start = Annotated[
 
 
 class ObjectiveSpec(Spec):
-    """What the user wants."""
+    """The objective: goal, rewards, and when the task is complete."""
 
     parameters: dict[Name, ParameterType] = Field(
         default={}, description="name: type; `goal` (location or locations) is labelled `goal`"

@@ -76,17 +76,17 @@ LocationSet: TypeAlias = Box | tuple[LocationRef, ...]
 
 
 def is_whole(value: Any) -> bool:
-    """Whether `value` is an integer, and not `true` or `false`."""
+    """Return whether `value` is an integer, and not `true` or `false`."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def is_number(value: Any) -> bool:
-    """Whether `value` is a number, and not `true` or `false`."""
+    """Return whether `value` is a number, and not `true` or `false`."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def is_cell(value: Any) -> bool:
-    """Whether `value` is `[row, col]`."""
+    """Return whether `value` is `[row, col]`."""
     return isinstance(value, tuple) and len(value) == 2 and all(map(is_whole, value))
 
 

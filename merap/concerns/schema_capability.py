@@ -83,7 +83,7 @@ class InnateSpec(Spec):
 
 
 def restarts(spec: InnateSpec) -> bool:
-    """Whether `start_<name>` exists."""
+    """Return whether `start_<name>` exists."""
     if spec.restart is not None:
         return spec.restart
     return spec.terminal is not None and not set(spec.modes) <= set(spec.terminal)

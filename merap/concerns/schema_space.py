@@ -58,7 +58,7 @@ class AttributeSpec(Spec):
 
 
 class DetectorSpec(Spec):
-    """What the system sees online of its own and nearby locations."""
+    """A sensor that reads the own location and nearby ones online."""
 
     of: str = Field(description="`blocked`, or the name of an attribute")
     range: int = Field(default=1, ge=0, le=10_000, description="edges it looks ahead; 0: own location alone")
@@ -66,7 +66,7 @@ class DetectorSpec(Spec):
 
 
 class SpaceSpec(Spec):
-    """Where the system moves. Give `grid`, or `locations` and `edges`, or `file`."""
+    """The places where the system moves. Give `grid`, or `locations` and `edges`, or `file`."""
 
     grid: GridSpec | None = Field(default=None, description="a rectangle of cells")
     locations: dict[Name, tuple[Coordinate, Coordinate]] | None = Field(

@@ -40,7 +40,7 @@ class Attribute(ShortRepr):
 
 @dataclass(frozen=True)
 class Detector:
-    """What is seen online (`Det` of Definition 1).
+    """A sensor that is read online (`Det` of Definition 1).
 
     Attributes:
         name: the sensor's name.

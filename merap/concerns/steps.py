@@ -1,4 +1,4 @@
-"""Steps (s, a, s') as columns, on which expressions, conditions and rewards are evaluated.
+"""Evaluate expressions, conditions and rewards on steps (s, a, s') as columns.
 
 Axes: P locations, Q modes, B steps. State (p, q) has index p * Q + q.
 """
@@ -71,7 +71,7 @@ def holds_in_states(combination: Combination, condition: Condition) -> Bools:
 def scope_of(
     combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
 ) -> dict[str, Column]:
-    """What expressions read in B steps: attributes and mode, primed of the successor.
+    """Return the columns that expressions read in B steps; those of the successor are primed.
 
     Args:
         combination: whose attributes are read.

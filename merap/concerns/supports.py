@@ -23,7 +23,7 @@ class Configurations(Protocol):
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of configurations."""
 
     def values(self, index: int) -> Values:
         """Parameter -> canonical value."""
@@ -41,7 +41,7 @@ class Configurations(Protocol):
         """The index of a configuration whose `parameter` holds `location`; None if none does."""
 
     def locations(self, parameter: str) -> set[int]:
-        """Every location that `parameter` holds in some configuration."""
+        """Return every location that `parameter` holds in some configuration."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +53,7 @@ class Named(ShortRepr):
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of configurations."""
         return len(self.names)
 
     def values(self, index: int) -> Values:
@@ -82,7 +82,7 @@ class Named(ShortRepr):
         return next(holding, None)
 
     def locations(self, parameter: str) -> set[int]:
-        """Every location that `parameter` holds in some configuration."""
+        """Return every location that `parameter` holds in some configuration."""
         return {location for values in self.listed for location in held_locations(values, parameter)}
 
 
@@ -95,7 +95,7 @@ class Generated(ShortRepr):
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of configurations."""
         return self.product.count if self.kept is None else len(self.kept)
 
     def values(self, index: int) -> Values:
@@ -131,7 +131,7 @@ class Generated(ShortRepr):
         return next(holding, None)
 
     def locations(self, parameter: str) -> set[int]:
-        """Every location that `parameter` holds in some configuration."""
+        """Return every location that `parameter` holds in some configuration."""
         if self.kept is not None:
             return {found for i in range(self.count) for found in held_locations(self.values(i), parameter)}
         return {
@@ -159,7 +159,7 @@ class Support(ShortRepr, Generic[Resolved]):
 
     @property
     def count(self) -> int:
-        """How many configurations there are (`len` where that is a machine integer)."""
+        """The number of configurations (`len` where that is a machine integer)."""
         return self.configurations.count
 
     def __len__(self) -> int:
@@ -183,7 +183,7 @@ class Support(ShortRepr, Generic[Resolved]):
         return self.configurations.name(index)
 
     def names(self) -> Iterator[str]:
-        """All names in order."""
+        """Yield all names in order."""
         return (self.name(index) for index in range(self.count))
 
     def index(self, name: str) -> int | None:

@@ -1,4 +1,4 @@
-"""From the `online` part of the case file, or a file about it, to combinations that are met."""
+"""Read the systems that are met online from the case file or a scenario."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def _path(data: Any, details: ErrorDetails) -> KeyPath:
 
 
 def message(details: ErrorDetails) -> str:
-    """What is wrong with a value in plain words: what is allowed, and what was given."""
+    """Say in plain words what is allowed for a value, and what was given."""
     kind = details["type"]
     if kind == "missing":
         key = details["loc"][-1]

@@ -1,4 +1,4 @@
-"""What is allowed in a case file but probably not meant."""
+"""Warn about parts of a case file that are allowed but probably not meant."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def idle_rules(
 
 
 def vocabulary(context: ResolutionContext, capability: Capability) -> set[str]:
-    """Names of the actions and modes that a capability has."""
+    """Return the names of the actions and modes that a capability has."""
     names = {action.name for action in capability.external}
     if capability.innate is None:
         return names | {context.modes[0]}

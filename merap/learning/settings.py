@@ -57,7 +57,7 @@ def _checked(settings: Mapping[str, Any], source: str) -> Mapping[str, Any]:
             raise InputError(
                 f"unknown setting{suggestion(str(key), TrainingConfig.model_fields)}",
                 source=source,
-                key=str(key),
+                key=key_text((str(key),)),
             )
     try:
         TrainingConfig.model_validate(settings)

@@ -13,7 +13,7 @@ from merap.prism.terms import bare
 
 @dataclass(frozen=True)
 class CapabilityText:
-    """What `capability.prism.j2` is filled with.
+    """The content of `capability.prism.j2`.
 
     Attributes:
         mode_key: comment that numbers the modes.

@@ -43,7 +43,7 @@ def _is_not_zero(expression: Expression) -> bool:
 
 
 def is_table(expression: Expression) -> bool:
-    """Whether it is a constant in every case, so that no engine has to compute it."""
+    """Return whether it is a constant in every case, so that no engine has to compute it."""
     if isinstance(expression, Operation) and expression.operator == "?:":
         return all(is_table(side) for side in expression.arguments[1:])
     return isinstance(expression, Constant)

@@ -29,7 +29,7 @@ LevelsOf: TypeAlias = Callable[[str], Levels]
 
 
 def is_truth(expression: Expression, levels: LevelsOf) -> bool:
-    """Whether the value is true or false, not a number."""
+    """Return whether the value is true or false, not a number."""
     match expression:
         case Constant(value):
             return isinstance(value, bool)
@@ -42,7 +42,7 @@ def is_truth(expression: Expression, levels: LevelsOf) -> bool:
 
 
 def is_computed_right(expression: Expression, levels: LevelsOf) -> bool:
-    """Whether engines get the number right but for an error that does not matter.
+    """Return whether engines get the number right but for an error that does not matter.
 
     The conditions of `?:` are left out of account.
     """
@@ -50,7 +50,7 @@ def is_computed_right(expression: Expression, levels: LevelsOf) -> bool:
 
 
 def is_decided_right(comparison: Operation, levels: LevelsOf) -> bool:
-    """Whether engines decide a comparison of numbers as fractions would.
+    """Return whether engines decide a comparison of numbers as fractions would.
 
     They do between whole numbers, and where each side is a number that is rounded only once, unless
     two different numbers are so near to each other that they may be taken for equal.
@@ -67,7 +67,7 @@ def is_decided_right(comparison: Operation, levels: LevelsOf) -> bool:
 
 
 def are_apart(numbers: Collection[Fraction]) -> bool:
-    """Whether different numbers, and whole ones beside them, can't be taken for equal."""
+    """Return whether different numbers, and whole ones beside them, can't be taken for equal."""
     values = np.array([float(number) for number in {*numbers, *map(round, numbers)}])
     values.sort()
     return bool(np.all(np.diff(values) > APART * np.maximum(1, np.abs(values[1:]))))
@@ -75,7 +75,7 @@ def are_apart(numbers: Collection[Fraction]) -> bool:
 
 @dataclass(frozen=True)
 class _Range:
-    """Whether all values are whole, and a bound on their size."""
+    """A bound on the size of values, and whether all are whole."""
 
     whole: bool
     most: Fraction

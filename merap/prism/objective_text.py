@@ -16,7 +16,7 @@ from merap.prism.terms import bare
 
 @dataclass(frozen=True)
 class ObjectiveText:
-    """What `objective.prism.j2` is filled with.
+    """The content of `objective.prism.j2`.
 
     Attributes:
         complete: when a state is complete.
@@ -55,7 +55,7 @@ def objective_text(writer: StepWriter, *, fixed_start: bool) -> ObjectiveText:
 
 
 def _actions(writer: StepWriter) -> dict[str, list[StepText]]:
-    """Every action this capability has, in declared order, and its steps."""
+    """Return each action of this capability, in declared order, and its steps."""
     capability = writer.combination.capability
     actions = {action.name: [writer.external(action)] for action in capability.external}
     if capability.innate is not None:

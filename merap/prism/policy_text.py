@@ -27,7 +27,7 @@ _DECIMALS = 15
 
 @dataclass(frozen=True)
 class PolicyText:
-    """What `policy.prism.j2` is filled with.
+    """The content of `policy.prism.j2`.
 
     Attributes:
         states: one command for each state that isn't complete.
@@ -64,7 +64,7 @@ def policy_text(combination: Combination, chain: TabularMDP) -> PolicyText:
 
 
 def _payments(space: Space, place: Ints, mode: Ints, reward: Floats) -> list[tuple[int, str]]:
-    """Of states by location and mode; where there is none, what most others pay."""
+    """Return mode and expected reward by location; where there is no state, the commonest reward."""
     payments = []
     for number in np.unique(mode).tolist():
         there = mode == number

@@ -19,7 +19,7 @@ KEY_WIDTH = 10
 
 @dataclass(frozen=True)
 class SpaceText:
-    """What `space.prism.j2` is filled with.
+    """The content of `space.prism.j2`.
 
     Attributes:
         location_key: comment lines that number a graph's locations.

@@ -79,7 +79,7 @@ class StepWriter:
         return alternatives([f"{MODE_VARIABLE}={mode}" for mode in np.flatnonzero(modes)])
 
     def holds(self, condition: Condition, action: str, branch: Branch, mode: int | None = None) -> str:
-        """When `condition` holds of a step: `true`, `false`, a comparison, or in parentheses.
+        """Write when `condition` holds of a step: `true`, `false`, a comparison, or in parentheses.
 
         Args:
             condition: over the step.

@@ -1,4 +1,4 @@
-"""What an expression is at each location and in each mode, as PRISM text.
+"""Tabulate an expression by location and mode, as PRISM text.
 
 Axes: P locations, Q modes.
 """

@@ -22,14 +22,14 @@ def condition_of(text: str) -> str:
 
 
 def alternatives(terms: list[str]) -> str:
-    """Any of `terms`: `false`, an atom, or in parentheses."""
+    """Join `terms` by or: `false`, an atom, or in parentheses."""
     if len(terms) <= 1:
         return terms[0] if terms else "false"
     return f"({' | '.join(terms)})"
 
 
 def conjunction(terms: list[str]) -> str:
-    """All of `terms`: `true`, `false`, an atom, or in parentheses."""
+    """Join `terms` by and: `true`, `false`, an atom, or in parentheses."""
     if "false" in terms:
         return "false"
     real = [term for term in terms if term != "true"]
