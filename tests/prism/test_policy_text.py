@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merap.checker.storm import build_text
-from merap.concerns.combination import Combination
+from merap.concerns.combination import Combination, Condition
 from merap.concerns.names import KEYWORDS
 from merap.concerns.synthesis import synthesise
 from merap.mdp.chain import induced_chain
@@ -21,7 +21,7 @@ from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import Floats, TabularMDP
 from merap.prism.policy_text import decimal_shares
 from merap.prism.rendering import render_policy
-from tests.support.hand_made import graph_combination, grid_combination, with_objective
+from tests.support.hand_made import graph_combination, grid_combination, parsed, with_objective
 from tests.support.random_combinations import random_combination
 
 ONE_START = with_objective(graph_combination(), start=np.array([1.0, 0, 0, 0]))
@@ -58,6 +58,14 @@ def test_storm_builds_the_chain_of_random_combinations(seed: int) -> None:
     "combination", [grid_combination(), ONE_START, graph_combination()], ids=["grid", "graph", "two starts"]
 )
 def test_storm_builds_the_chain(combination: Combination) -> None:
+    require_agreement(combination, 0)
+
+
+def test_conditions_of_labels_are_decided_exactly() -> None:
+    # light is 3 at S: 0.1 * 3 + 0.2 <= 0.5 holds, though it does not for doubles
+    at_most = Condition(where=parsed("light * 0.1 + 0.2 <= 0.5 & light > 2"))
+    combination = with_objective(graph_combination(), unsafe=at_most)
+    assert synthesise(combination).labels["unsafe"].any()
     require_agreement(combination, 0)
 
 
