@@ -91,7 +91,7 @@ class Annotation(_Record):
         return identifier if self.alias is None else self.alias
 
 
-class Variable(_Record):
+class PackedVariable(_Record):
     """A bit field of a packed valuation: its value is the stored number plus `offset`."""
 
     name: str
@@ -111,7 +111,7 @@ class Padding(_Record):
 class ValuationClass(_Record):
     """The fields of a packed valuation, from the least significant bit upwards."""
 
-    variables: tuple[Variable | Padding, ...]
+    variables: tuple[PackedVariable | Padding, ...]
 
 
 class Valuations(_Record):

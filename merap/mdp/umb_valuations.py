@@ -11,7 +11,7 @@ import numpy.typing as npt
 from merap.errors import InputError, ModelError
 from merap.mdp.model import Ints, check_range
 from merap.mdp.umb_archive import Archive
-from merap.mdp.umb_index import Index, Padding, ValuationClass, Valuations, ValueType, Variable
+from merap.mdp.umb_index import Index, PackedVariable, Padding, ValuationClass, Valuations, ValueType
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -64,7 +64,7 @@ def _single_class(archive: Archive, index: Index) -> ValuationClass:
 
 def _records(
     archive: Archive, index: Index, packing: ValuationClass
-) -> tuple[Bytes, list[tuple[Variable, int]]]:
+) -> tuple[Bytes, list[tuple[PackedVariable, int]]]:
     """Return the packed records, uint8 [S, bytes], and each variable with its first bit."""
     fields = []
     bits = 0
@@ -82,7 +82,7 @@ def _records(
     return content.reshape(states, bits // 8), fields
 
 
-def _check_supported(variable: Variable, source: str) -> None:
+def _check_supported(variable: PackedVariable, source: str) -> None:
     kind, bits = variable.type.type, variable.type.size
     if kind not in {"bool", "int", "uint"} or bits > 64 or variable.is_optional:
         kind_text = f"{'optional ' if variable.is_optional else ''}{kind} of {bits} bits"
@@ -92,7 +92,7 @@ def _check_supported(variable: Variable, source: str) -> None:
         )
 
 
-def _check_bounds(variable: Variable, values: Ints, source: str) -> None:
+def _check_bounds(variable: PackedVariable, values: Ints, source: str) -> None:
     low, high = int(values.min()), int(values.max())
     least = low if variable.lower is None else variable.lower
     greatest = high if variable.upper is None else variable.upper
@@ -103,7 +103,7 @@ def _check_bounds(variable: Variable, values: Ints, source: str) -> None:
         )
 
 
-def _decode(records: Bytes, variable: Variable, start: int, source: str) -> Ints:
+def _decode(records: Bytes, variable: PackedVariable, start: int, source: str) -> Ints:
     bits = variable.type.size
     raw = _extract(records, start, bits)
     if variable.type.type == "bool":
@@ -142,7 +142,7 @@ def pack_valuations(names: tuple[str, ...], values: Ints) -> tuple[Valuations, B
     Returns:
         The description for the index; uint8 [S, bytes].
     """
-    variables: list[Variable | Padding] = []
+    variables: list[PackedVariable | Padding] = []
     columns: list[Bytes] = []
     for name, column in zip(names, values.T, strict=True):
         variable, stored = _pack_column(name, column)
@@ -155,12 +155,12 @@ def pack_valuations(names: tuple[str, ...], values: Ints) -> tuple[Valuations, B
     return Valuations(unique=True, classes=(packing,)), np.concatenate(columns, axis=1)
 
 
-def _pack_column(name: str, column: Ints) -> tuple[Variable, Bytes]:
+def _pack_column(name: str, column: Ints) -> tuple[PackedVariable, Bytes]:
     low, high = int(column.min()), int(column.max())
     bits = next((width for width in _WIDTHS if high - low < 1 << width), 64)
     signed = bits == 64
     offset = 0 if signed else low
     stored = (column - offset).astype(f"<{'i' if signed else 'u'}{bits // 8}")
     kind = ValueType(type="int" if signed else "uint", size=bits)
-    variable = Variable(name=name, type=kind, lower=low, upper=high, offset=offset)
+    variable = PackedVariable(name=name, type=kind, lower=low, upper=high, offset=offset)
     return variable, stored.view(np.uint8).reshape(len(column), bits // 8)
