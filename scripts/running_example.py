@@ -31,7 +31,7 @@ def main() -> None:
     print("\n".join(f"   | {line[:96]}" for line in text[text.index("module capability") :].splitlines()[:9]))
 
     print("2. Storm builds and checks each of them.")
-    verdicts = list(merap.verify(case.combinations()))
+    verdicts = list(merap.verify(case))
     false = [verdict for verdict in verdicts if verdict.holds is False]
     rewards = [
         verdict.value for verdict in verdicts if verdict.name == "reward" and verdict.value is not None

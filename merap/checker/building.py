@@ -1,16 +1,14 @@
-"""Combinations, and pairs of environment and capability, as Storm builds them from their text."""
+"""Have Storm build combinations, and pairs of environment and capability, from their text."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from merap.checker.storm import StormModel, build_text
+from merap.checker.model_text import model_text
+from merap.checker.storm import StormModel, build_text, build_weighted
 from merap.concerns.combination import Combination
-from merap.mdp.matching import match_rows
-from merap.mdp.model import Bools, Floats, TabularMDP
-from merap.prism.rendering import render, render_pair
+from merap.mdp.model import Bools, TabularMDP
+from merap.prism.rendering import render_pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +31,12 @@ def build_combination(combination: Combination) -> BuiltModel:
         ModelError: it is not.
         EngineError: Storm failed.
     """
-    storm = build_text(render(combination), combination.name)
-    built = storm.mdp()
-    return BuiltModel(storm, replace(built, initial=_start_distribution(combination, built)))
+    storm, initial = build_weighted(model_text(combination))
+    return BuiltModel(storm, replace(storm.arrays, initial=initial))
 
 
 def build_pair(combination: Combination, starts: Bools) -> TabularMDP:
-    """Environment and capability of a combination, built by Storm without an objective.
+    """Build environment and capability of a combination without an objective.
 
     Args:
         combination: whose objective does not matter.
@@ -47,14 +44,3 @@ def build_pair(combination: Combination, starts: Bools) -> TabularMDP:
     """
     name = f"{combination.environment.name}.{combination.capability.name}"
     return build_text(render_pair(combination, starts), name).mdp(reward=None)
-
-
-def _start_distribution(combination: Combination, built: TabularMDP) -> Floats:
-    """float64 [S]: PRISM's language has initial states without weights, the objective has weights."""
-    starts = np.flatnonzero(combination.objective.start)
-    columns = [built.variable_names.index(name) for name in combination.space.variable_names]
-    initial_states = np.flatnonzero(built.initial)
-    row = match_rows(combination.space.valuations[starts], built.valuations[initial_states][:, columns])
-    weights = np.zeros(built.num_states)
-    weights[initial_states[row]] = combination.objective.start[starts]
-    return weights

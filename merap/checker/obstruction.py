@@ -1,4 +1,4 @@
-"""Why a goal can't be reached: what stands between the start and it."""
+"""Explain why a goal can't be reached: name what stands between the start and it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ IMPOSSIBLE = Constant(Fraction(0))
 
 
 def obstruction(combination: Combination) -> str | None:
-    """What cuts the goal off from the start in space; None if nothing does.
+    """Return what cuts the goal off from the start in space; None if nothing does.
 
-    Names the blocked locations, no-entry locations, blocked edges and labels without action at
+    It names the blocked locations, no-entry locations, blocked edges and labels without action at
     the border of the region that can be reached, of those that lead on towards the goal.
     """
     space = combination.space
@@ -69,7 +69,7 @@ def _closure(graph: nx.DiGraph[int], roots: Ints) -> set[int]:
 
 
 def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[str]:
-    """Why each of the edges (source, label) can't be used."""
+    """Return why each of the edges (source, label) can't be used; every obstacle is named once."""
     space, environment, capability = combination.space, combination.environment, combination.capability
     names = space.locations
     blocked, barred, edges, lacking = set(), set(), [], set()
@@ -77,11 +77,11 @@ def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[
         target = int(space.target[source, label])
         if environment.blocked[target]:
             blocked.add(target)
-        if capability.no_entry[target]:
+        elif capability.no_entry[target]:
             barred.add(target)
-        if environment.blocked_edges[source, label]:
+        elif environment.blocked_edges[source, label]:
             edges.append(f"{names[source]} to {names[target]}")
-        if combination.passable[source, label]:
+        else:
             lacking.add(space.moves[label])
     parts = []
     if blocked:

@@ -1,30 +1,38 @@
-"""The properties every combination is checked for, beside those of its objective."""
+"""Define the properties that a combination is checked for, beside those of its objective."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from merap.concerns.combination import Combination
-from merap.mdp.reserved_names import GOAL_LABEL
+from merap.mdp.reserved_names import COMPLETE_LABEL, GOAL_LABEL
 
+TIMEOUT = 300.0  # seconds for a model, and for each property
 REACH = "reach"
 REACH_IN_TIME = "reach_within_horizon"
+COMPLETE = "complete"
+COMPLETE_IN_TIME = "complete_within_horizon"
 REWARD = "reward"
+HOLDS_IF_POSITIVE = frozenset({REACH, COMPLETE})
 
 
 def properties(combination: Combination) -> Mapping[str, str]:
-    """Name -> PRISM property; the objective's own come last and replace a default of that name.
+    """Return name -> PRISM property; the objective's own come last and replace a default of that name.
 
-    `reach`: greatest probability of ever being in the goal. `reach_within_horizon`: the same
-    within an episode. `reward`: the optimum of the paper's `eq:policygoal`; the discount inside
-    `C<=` is Storm's extension of the language.
+    With a goal, `reach` is the greatest probability of ever being there and
+    `reach_within_horizon` the same within an episode. Without one, where the task can end,
+    `complete` and `complete_within_horizon` are those of its end. `reward` is the optimum of the
+    paper's `eq:policygoal`; the discount inside `C<=` is Storm's extension of the language.
     """
-    horizon = combination.objective.horizon
-    defaults = {
-        REACH: f'Pmax=? [F "{GOAL_LABEL}"]',
-        REACH_IN_TIME: f'Pmax=? [F<={horizon} "{GOAL_LABEL}"]',
-        REWARD: f'R{{"objective"}}max=? [C<={horizon}discount={combination.discount}]',
-    }
-    if combination.discount == 1:
-        defaults[REWARD] = f'R{{"objective"}}max=? [C<={horizon}]'
-    return {**defaults, **combination.objective.properties}
+    objective = combination.objective
+    horizon = objective.horizon
+    defaults = {}
+    if objective.goal.any():
+        defaults[REACH] = f'Pmax=? [F "{GOAL_LABEL}"]'
+        defaults[REACH_IN_TIME] = f'Pmax=? [F<={horizon} "{GOAL_LABEL}"]'
+    elif objective.ends_after is not None or objective.ends_in is not None:
+        defaults[COMPLETE] = f'Pmax=? [F "{COMPLETE_LABEL}"]'
+        defaults[COMPLETE_IN_TIME] = f'Pmax=? [F<={horizon} "{COMPLETE_LABEL}"]'
+    discount = "" if combination.discount == 1 else f"discount={combination.discount}"
+    defaults[REWARD] = f'R{{"objective"}}max=? [C<={horizon}{discount}]'
+    return {**defaults, **objective.properties}

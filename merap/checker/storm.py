@@ -1,4 +1,4 @@
-"""Storm through stormpy: parse, build, check, export. The only importer of stormpy.
+"""Build, check and export models with Storm, through stormpy.
 
 Storm accepts broken models by default: sums below 1, values past their range, deadlocks. Here
 they are refused, with the state they occur in.
@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,45 +17,22 @@ import numpy as np
 import stormpy
 from stormpy.developer import LogLevel, set_log_level
 from stormpy.developer.info import StormVersion
-from stormpy.exceptions import StormError
-from stormpy.logic import ComparisonType, OperatorFormula, OptimizationDirection, RewardOperatorFormula
 from stormpy.models import ModelType
 
-from merap.checker.storm_messages import UnsupportedPropertyError, translate
-from merap.errors import EngineError, InputError, MerapError, ModelError
+from merap.checker.exchange import Answer, ModelText
+from merap.checker.solving import answer, translated
+from merap.checker.storm_messages import UnsupportedPropertyError
+from merap.errors import EngineError, InputError, ModelError
+from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.umb import read_umb
 
-PRECISION = "1/1000000000000"
+OBJECTIVE = "objective"
 OUT_OF_BOUNDS = "out_of_bounds"
 DEADLOCK = "deadlock"
-_FILTER = re.compile(r'\s*("[^"]*"\s*:)?\s*filter\s*\(')
-_BOUNDED_REWARDS = (
-    stormpy.logic.CumulativeRewardFormula,
-    stormpy.logic.DiscountedCumulativeRewardFormula,
-    stormpy.logic.DiscountedTotalRewardFormula,
-    stormpy.logic.InstantaneousRewardFormula,
-)
+_NO_FILTER = re.compile(r"""\([^)]*\): Obtain the values of the '"init"'-states with """)
 
 set_log_level(LogLevel.OFF)  # it writes to standard output what it raises anyway
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a model checker says of one property in the initial states.
-
-    Attributes:
-        value: the expected value over the initial distribution, of a property with a bound
-            that of the same property without; None for a truth value alone.
-        lower: sound lower bound of `value`; None if the engine gives none.
-        upper: sound upper bound of `value`; None if the engine gives none.
-        holds: whether it is true in every initial state; None if it asks for a value.
-    """
-
-    value: float | None
-    lower: float | None
-    upper: float | None
-    holds: bool | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,50 +60,57 @@ class StormModel:
         Raises:
             InputError: the property can't be parsed or names something unknown.
             UnsupportedPropertyError: Storm can't answer this kind, or not soundly.
+            ModelError: the model is another one in exact arithmetic, which the property needs.
             EngineError: Storm failed.
         """
         place = f"{self.source}: property {text!r}"
         formula = _parse_property(text, self.program, self.model, place)
-        self._refuse_unsound(formula, place)
-        answer = self._answer(self._run(formula, place), initial)
-        if answer.holds is None or not (isinstance(formula, OperatorFormula) and formula.has_bound):
-            return answer
-        quantity = self._answer(self._run(_without_bound(formula), place), initial)
-        return replace(quantity, holds=answer.holds)
-
-    def _refuse_unsound(self, formula: Any, place: str) -> None:
-        """Storm's answers about unbounded sums of rewards below 0 are wrong, or never come."""
-        if not isinstance(formula, RewardOperatorFormula) or isinstance(formula.subformula, _BOUNDED_REWARDS):
-            return
-        structures = self.model.reward_models
-        name = formula.reward_name if formula.has_reward_model_name() else next(iter(structures), "")
-        if name in structures and np.any(self.mdp(name).choice_reward < 0):
-            raise UnsupportedPropertyError(
-                f"{place}: rewards {name!r} are below 0 somewhere, and Storm sums up such rewards soundly "
-                "only over a bounded number of steps; write [C<=k]"
-            )
-
-    def _run(self, formula: Any, place: str) -> Any:
-        environment = stormpy.environments.default(self.model)
-        environment.solver().min_max().precision = stormpy.Rational(PRECISION)
-        with _translated(place, model=self.model):
-            result = stormpy.model_checking(self.model, formula, environment=environment)
-        if result is None or result.is_pareto_curve_check_result():
-            raise UnsupportedPropertyError(f"{place}: Storm has no single value for it")
-        return result
-
-    def _answer(self, result: Any, initial: Floats | None) -> Answer:
         states = list(self.model.initial_states)
-        if result.is_qualitative():
-            return Answer(None, None, None, all(bool(result[state]) for state in states))
-        weights = [1 / len(states)] * len(states) if initial is None else initial[states].tolist()
-        bounds = [result[state] for state in states]
-        return Answer(
-            value=_mean(weights, [result.get_value(state) for state in states]),
-            lower=_mean(weights, [bound.lower for bound in bounds]),
-            upper=_mean(weights, [bound.upper for bound in bounds]),
-            holds=None,
-        )
+        weights = np.full(len(states), 1 / len(states)) if initial is None else initial[states]
+        return answer(self, formula, place, weights)
+
+    @cached_property
+    def exact(self) -> Any:
+        """stormpy's sparse model in fractions, its states in the same order as those of `model`.
+
+        Raises:
+            ModelError: a guard or probability is another one in fractions, so the states differ.
+        """
+        options = stormpy.BuilderOptions()
+        options.set_build_all_reward_models()
+        options.set_build_all_labels()
+        with translated(self.source, EngineError):
+            exact = stormpy.build_model[stormpy.Rational](self.program, options=options)
+        if _size(exact) != _size(self.model):
+            raise ModelError(
+                f"{self.source}: {_size(exact)} states, choices and branches in exact arithmetic, but "
+                f"{_size(self.model)} in doubles; a guard or a probability depends on rounding"
+            )
+        return exact
+
+    def rewards(self, structure: str | None) -> Floats | None:
+        """Return float64 [C], the expected reward of each choice; None if there is no such structure.
+
+        Args:
+            structure: its name; None for the only one.
+        """
+        structures = self.model.reward_models
+        if structure is None:
+            structure = next(iter(structures), None)
+        if structure not in structures:
+            return None
+        found = structures[structure]
+        rewards: Floats = np.zeros(self.model.nr_choices)
+        if found.has_state_rewards:
+            rewards += np.repeat(np.array(found.state_rewards), np.diff(self.arrays.state_to_choice))
+        if found.has_state_action_rewards:
+            rewards += np.array(found.state_action_rewards)
+        return rewards
+
+    @cached_property
+    def arrays(self) -> TabularMDP:
+        """The model as arrays, with the rewards of its `objective` if it has some."""
+        return self._read(self._own_reward)
 
     def export_umb(self, path: Path) -> None:
         """Write the model as an uncompressed UMB archive.
@@ -137,13 +120,13 @@ class StormModel:
         """
         options = stormpy.io.UmbExportOptions()
         options.compression = stormpy.io.CompressionMode.NO_COMPRESSION
-        with _translated(self.source, EngineError):
+        with translated(self.source, EngineError):
             stormpy.io.umb_to_archive(
                 stormpy.io.sparse_model_to_umb(self.model, options=options), path, options
             )
 
-    def mdp(self, reward: str | None = "objective") -> TabularMDP:
-        """The model as arrays, through a UMB archive that is mapped into memory.
+    def mdp(self, reward: str | None = OBJECTIVE) -> TabularMDP:
+        """Return the model as arrays, through a UMB archive that is mapped into memory.
 
         Args:
             reward: the reward structure to take; None for rewards of 0.
@@ -151,6 +134,13 @@ class StormModel:
         Raises:
             ModelError: the model breaks an invariant of `TabularMDP`.
         """
+        return self.arrays if reward == self._own_reward else self._read(reward)
+
+    @property
+    def _own_reward(self) -> str | None:
+        return OBJECTIVE if OBJECTIVE in self.model.reward_models else None
+
+    def _read(self, reward: str | None) -> TabularMDP:
         with tempfile.TemporaryDirectory(prefix="merap-") as folder:
             path = Path(folder) / "model.umb"
             self.export_umb(path)
@@ -160,36 +150,22 @@ class StormModel:
                 raise ModelError(f"{self.source}: {error.__cause__ or error}") from error
 
 
-def _mean(weights: list[float], values: list[Any]) -> float | None:
-    if any(value is None for value in values):
-        return None
-    return sum(weight * float(value) for weight, value in zip(weights, values, strict=True))
-
-
 def _parse_property(text: str, program: Any, model: Any, place: str) -> Any:
-    if _FILTER.match(text):
-        raise UnsupportedPropertyError(
-            f"{place}: filters are not supported, values are of the initial states"
-        )
-    with _translated(place, model=model):
+    with translated(place, model=model):
         parsed = stormpy.parse_properties(text, program)
     if len(parsed) != 1:
         raise InputError(f"{place}: holds {len(parsed)} properties, expected 1")
+    if not _NO_FILTER.match(str(parsed[0])):
+        raise UnsupportedPropertyError(
+            f"{place}: filters are not supported, values are of the initial states"
+        )
     if parsed[0].contains_undefined_constants():
         raise InputError(f"{place}: a constant has no value")
     return parsed[0].get_raw_formula()
 
 
-def _without_bound(formula: Any) -> Any:
-    """`P>=p` asks of every policy, so it is about the least value; `P<=p` about the greatest."""
-    lower_bound = formula.comparison_type in (ComparisonType.GEQ, ComparisonType.GREATER)
-    quantity = formula.clone()
-    quantity.remove_bound()
-    if not quantity.has_optimality_type:
-        quantity.set_optimality_type(
-            OptimizationDirection.MINIMIZE if lower_bound else OptimizationDirection.MAXIMIZE
-        )
-    return quantity
+def _size(model: Any) -> tuple[int, int, int]:
+    return model.nr_states, model.nr_choices, model.nr_transitions
 
 
 def version() -> str:
@@ -216,6 +192,22 @@ def build_text(text: str, source: str) -> StormModel:
         return _build(path, source)
 
 
+def build_weighted(model: ModelText) -> tuple[StormModel, Floats]:
+    """Build a model whose initial states have weights; raises as `build_text`.
+
+    Returns:
+        The model, and float64 [S], the distribution over its states in which it begins.
+    """
+    storm = build_text(model.text, model.name)
+    arrays = storm.arrays
+    columns = [arrays.variable_names.index(name) for name in model.variables]
+    initial_states = np.flatnonzero(arrays.initial)
+    row = match_rows(model.starts, arrays.valuations[initial_states][:, columns])
+    initial = np.zeros(arrays.num_states)
+    initial[initial_states[row]] = model.weights
+    return storm, initial
+
+
 def build_file(path: Path) -> StormModel:
     """Parse and build a file of PRISM text; raises as `build_text`."""
     if not path.is_file():
@@ -224,7 +216,7 @@ def build_file(path: Path) -> StormModel:
 
 
 def _build(path: Path, source: str) -> StormModel:
-    with _translated(source):
+    with translated(source):
         # without simplification every model of a case keeps the same variables
         program = stormpy.parse_prism_program(path, prism_compatibility=True, simplify=False)
     if program.has_undefined_constants:
@@ -233,7 +225,7 @@ def _build(path: Path, source: str) -> StormModel:
     options.set_build_choice_labels(True)
     options.set_build_state_valuations(True)
     options.set_add_out_of_bounds_state(True)
-    with _translated(source, ModelError):
+    with translated(source, ModelError):
         model = stormpy.build_model(program, options=options)
     if model.model_type not in (ModelType.MDP, ModelType.DTMC):
         raise InputError(f"{source}: is neither an MDP nor a discrete-time Markov chain")
@@ -246,7 +238,7 @@ def _require_sound(storm: StormModel) -> None:
     labels = storm.model.labeling
     if OUT_OF_BOUNDS in labels.get_labels() and labels.get_states(OUT_OF_BOUNDS):
         raise ModelError(f"{storm.source}: {_stray_choice(storm.model)} leaves the range of a variable")
-    arrays = storm.mdp(reward=None)  # refuses sums other than 1 and repeated actions
+    arrays = storm.arrays  # refuses sums other than 1 and repeated actions
     stuck = np.flatnonzero(arrays.labels[DEADLOCK])
     if len(stuck):
         raise ModelError(f"{storm.source}: state {arrays.describe_state(int(stuck[0]))} has no action")
@@ -266,15 +258,3 @@ def _stray_choice(model: Any) -> str:
     terms = model.state_valuations.to_string(source).strip("[]").replace("\t", "").split("& ")
     valuation = ", ".join(term for term in terms if "_OutOfBoundsBit" not in term)
     return f"({valuation}), action {names}"
-
-
-@contextmanager
-def _translated(place: str, user_error: type[MerapError] = InputError, model: Any = None) -> Iterator[None]:
-    """Storm raises plain RuntimeErrors; `model` is given where they are about a property of it."""
-    known = None
-    if model is not None:
-        known = {"label": sorted(model.labeling.get_labels()), "reward model": sorted(model.reward_models)}
-    try:
-        yield
-    except (RuntimeError, StormError) as error:
-        raise translate(str(error), place, user_error, known) from error

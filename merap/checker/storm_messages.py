@@ -1,4 +1,4 @@
-"""Storm's error messages in one line, as errors that say where and whose fault it is."""
+"""Translate Storm's error messages into errors of one line that name the place."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from merap.errors import EngineError, InputError, MerapError
 # Storm puts the name of its exception before the message; these speak of what the user wrote.
 _USER_ERRORS = ("WrongFormat", "Invalid", "Illegal")
 _UNSUPPORTED = ("NotSupported", "NotImplemented")
+_LIMITS = re.compile(r"can only be (?:computed|done) for|needs to have \(a single\) upper step bound")
 _SYNTAX_ERROR = re.compile(r"Parsing error at (\d+):(\d+): ?(.*)")
 _TYPE_ERROR = re.compile(r"Error in .*, line (\d+): (.*)")
 _UNKNOWN = re.compile(r"(?:unknown )?(label|reward model) '(.*)'(?: does not exist)?$")
@@ -23,7 +24,7 @@ class UnsupportedPropertyError(EngineError):
 def translate(
     raised: str, place: str, user_error: type[MerapError], known: Mapping[str, Sequence[str]] | None
 ) -> MerapError:
-    """The error to raise in place of Storm's.
+    """Return the error to raise in place of Storm's.
 
     Args:
         raised: Storm's text, as `WrongFormatException: Parsing error at 6:1:  expecting ...`.
@@ -40,7 +41,7 @@ def translate(
         return InputError(f"syntax error: {rest}", source=place)  # Storm's column is not the text's
     if wrong_type := _TYPE_ERROR.match(message):
         return InputError(wrong_type[2], source=place, line=int(wrong_type[1]))
-    if name.startswith(_UNSUPPORTED):
+    if name.startswith(_UNSUPPORTED) or _LIMITS.search(message):
         return UnsupportedPropertyError(f"{place}: {message}")
     if known is not None and (unknown := _UNKNOWN.search(message)):
         return InputError(f"{place}: {message}{suggestion(unknown[2], known[unknown[1]])}")

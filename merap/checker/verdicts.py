@@ -1,19 +1,26 @@
-"""Verdicts: what an engine says of a combination's properties."""
+"""Verify combinations: have their properties checked, and explain what does not hold."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias
 
-from merap.checker.building import BuiltModel, build_combination
+from merap.checker.exchange import Answer, ModelText
+from merap.checker.model_text import model_text
 from merap.checker.obstruction import obstruction
-from merap.checker.properties import REACH, properties
-from merap.checker.storm import Answer
+from merap.checker.process import CheckingProcess, OverTimeError
+from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
+from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.errors import InputError
+
+Combinations: TypeAlias = CaseStudy | str | Path | Combination | Iterable[Combination]
+Status = Literal["ok", "unsupported", "timeout"]
+NO_ANSWER = Answer()
 
 
 @dataclass(frozen=True)
@@ -21,17 +28,18 @@ class Verdict:
     """One property of one combination.
 
     Attributes:
-        combination: its name.
-        name: of the property.
-        property: its text.
-        engine: which answered.
+        combination: the combination's name.
+        name: the property's name.
+        property: the text of the property.
+        engine: the one that answered.
         value: expected over the initial distribution, also of a property with a bound; None if
             there is none.
         lower: sound lower bound of the value.
         upper: sound upper bound of the value.
         holds: None where the property asks for a value; `reach` holds if the value is positive.
-        status: `unsupported` where the engine can't answer this kind of property.
-        reason: why it does not hold, or is not supported.
+        status: `unsupported` where the engine can't answer this kind of property, `timeout` where
+            it has no answer in time.
+        reason: why it does not hold, is not supported or has no answer.
     """
 
     combination: str
@@ -42,48 +50,101 @@ class Verdict:
     lower: float | None
     upper: float | None
     holds: bool | None
-    status: Literal["ok", "unsupported"]
+    status: Status
     reason: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, which has no infinity: `inf` is a string."""
+        """Return it for JSON, which has no infinity: `inf` is a string."""
         return {
             name: str(value) if isinstance(value, float) and not isfinite(value) else value
             for name, value in asdict(self).items()
         }
 
 
-def verify(combinations: Iterable[Combination], only: str | None = None) -> Iterator[Verdict]:
-    """Render, build and check combinations with Storm.
+def verify(
+    combinations: Combinations,
+    only: str | None = None,
+    *,
+    timeout: float = TIMEOUT,
+) -> Iterator[Verdict]:
+    """Render, build and check combinations with Storm, in a process of its own.
 
     Args:
-        combinations: which.
-        only: the name of one property; all by default.
+        combinations: a case or the path of its file, one combination or several.
+        only: the name of one property, for the combinations that have it; all by default.
+        timeout: seconds for building a model, and for each property.
 
     Raises:
-        InputError: no property has that name, or one can't be parsed.
+        InputError: no property has that name, or one can't be parsed; no such timeout.
         ModelError: a model is unsound.
         EngineError: Storm failed.
     """
-    for combination in combinations:
+    with CheckingProcess(timeout) as process:
+        tasks = _tasks(combinations, only)
+        task = next(tasks, None)
+        while task is not None:
+            process.begin(task.model)
+            following = next(tasks, None)  # rendered while Storm builds
+            yield from _verdicts(process, task)
+            task = following
+
+
+class _Task(NamedTuple):
+    combination: Combination
+    properties: Mapping[str, str]
+    model: ModelText
+
+
+def _tasks(combinations: Combinations, only: str | None) -> Iterator[_Task]:
+    """Render every combination that has a property to check."""
+    names: dict[str, None] = {}
+    for combination in _each(combinations):
+        if not isinstance(combination, Combination):
+            raise InputError(f"{combination!r} is no combination")
         wanted = properties(combination)
-        if only is not None and only not in wanted:
-            raise InputError(f"no property is called {only!r}; there are {', '.join(wanted)}")
-        built = build_combination(combination)
-        for name, text in wanted.items():
-            if only in (None, name):
-                yield _verdict(combination, built, name, text)
+        names |= dict.fromkeys(wanted)
+        if only is not None:
+            wanted = {name: text for name, text in wanted.items() if name == only}
+        if wanted:
+            yield _Task(combination, wanted, model_text(combination))
+    if only is not None and only not in names:
+        raise InputError(f"no property is called {only!r}; there are {', '.join(names)}")
 
 
-def _verdict(combination: Combination, built: BuiltModel, name: str, text: str) -> Verdict:
-    status: Literal["ok", "unsupported"] = "ok"
+def _each(combinations: Combinations) -> Iterable[Any]:
+    if isinstance(combinations, str | Path):
+        combinations = load_case(Path(combinations))
+    if isinstance(combinations, CaseStudy):
+        return combinations.combinations()
+    return combinations if isinstance(combinations, Iterable) else [combinations]
+
+
+def _verdicts(process: CheckingProcess, task: _Task) -> Iterator[Verdict]:
+    combination, wanted = task.combination, task.properties
     try:
-        answer = built.storm.check(text, built.mdp.initial)
-        holds = _holds(name, answer)
-        reason = _reason(combination, answer) if holds is False else None
-    except UnsupportedPropertyError as error:
-        answer = Answer(None, None, None, None)
-        holds, reason, status = None, str(error), "unsupported"
+        process.finish()
+    except OverTimeError as error:
+        for name, text in wanted.items():
+            yield _verdict(combination, name, text, NO_ANSWER, "timeout", str(error))
+        return
+    for name, text in wanted.items():
+        status: Status = "ok"
+        reason = None
+        try:
+            answer = process.check(text)
+        except UnsupportedPropertyError as error:
+            answer, status, reason = NO_ANSWER, "unsupported", str(error)
+        except OverTimeError as error:
+            answer, status, reason = NO_ANSWER, "timeout", str(error)
+        yield _verdict(combination, name, text, answer, status, reason)
+
+
+def _verdict(
+    combination: Combination, name: str, text: str, answer: Answer, status: Status, reason: str | None
+) -> Verdict:
+    holds = answer.holds
+    if name in HOLDS_IF_POSITIVE and holds is None and answer.value is not None:
+        holds = answer.value > 0
     return Verdict(
         combination=combination.name,
         name=name,
@@ -94,24 +155,19 @@ def _verdict(combination: Combination, built: BuiltModel, name: str, text: str) 
         upper=answer.upper,
         holds=holds,
         status=status,
-        reason=reason,
+        reason=_reason(combination, answer) if holds is False else reason,
     )
 
 
-def _holds(name: str, answer: Answer) -> bool | None:
-    if name == REACH and answer.holds is None and answer.value is not None:
-        return answer.value > 0
-    return answer.holds
-
-
-def _reason(combination: Combination, answer: Answer) -> str:
-    """What cuts the goal off in space; else by how much the value misses the bound."""
+def _reason(combination: Combination, answer: Answer) -> str | None:
+    """Explain a false verdict: what cuts the goal off in space, else the value."""
+    value = None if answer.value is None else f"the value is {answer.value:.6g}"
+    if not combination.objective.goal.any():
+        return value
     cut = obstruction(combination)
     if cut is not None:
         return cut
     open_way = "the goal can be reached in space"
-    if answer.value is None:
-        return open_way
     if answer.value == 0:
         return f"{open_way}; the modes, or where the task ends, prevent it"
-    return f"{open_way}; the value is {answer.value:.6g}"
+    return open_way if value is None else f"{open_way}; {value}"

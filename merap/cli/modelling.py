@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from merap.checker.properties import TIMEOUT
 from merap.cli import options
 from merap.cli.output import number, progress, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
+from merap.errors import EngineError
 
 if TYPE_CHECKING:
     from merap.checker.verdicts import Verdict
@@ -53,19 +55,23 @@ def verify(
     name: Annotated[str | None, typer.Option("--property", help="Check only this property.")] = None,
     sample: options.Sample = None,
     seed: options.Seed = 0,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="SECONDS", help="Limit for a model and for each property.")
+    ] = TIMEOUT,
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
     """Build every combination with Storm and check its properties.
 
-    Exits with 1 if a verdict is false, and says what cuts the goal off.
+    Exits with 1 if a verdict is false, and says what cuts the goal off; else with 3 if a property
+    has no answer within the time limit.
     """
     from merap.checker.verdicts import verify as verify_combinations
 
     require_free_report(json, force=force)
     study = load_case(case)
     warn(study.warnings)
-    verdicts = list(verify_combinations(_chosen(study, sample, seed, "Verifying"), name))
+    verdicts = list(verify_combinations(_chosen(study, sample, seed, "Verifying"), name, timeout=timeout))
     write_json(
         json, {"case": study.name, "verdicts": [verdict.as_dict() for verdict in verdicts]}, force=force
     )
@@ -73,6 +79,8 @@ def verify(
         _show(verdicts)
     if any(verdict.holds is False for verdict in verdicts):
         raise typer.Exit(FALSE_VERDICT)
+    if any(verdict.status == "timeout" for verdict in verdicts):
+        raise typer.Exit(EngineError.exit_code)
 
 
 def _chosen(study: CaseStudy, sample: int | None, seed: int, what: str) -> Iterable[Combination]:
@@ -94,14 +102,15 @@ def _show(verdicts: list[Verdict]) -> None:
     false = [verdict for verdict in verdicts if verdict.holds is False]
     for verdict in false:
         say(f"{verdict.combination}: {verdict.name} ({verdict.property}) does not hold: {verdict.reason}")
-    for verdict in verdicts:
-        if verdict.status == "unsupported":
-            say(f"unsupported: {verdict.reason}")
-    say(f"{len(cells)} combinations, {len(verdicts)} verdicts, {len(false)} false")
+    unanswered = [verdict for verdict in verdicts if verdict.status != "ok"]
+    for line in dict.fromkeys(f"{verdict.status}: {verdict.reason}" for verdict in unanswered):
+        say(line)
+    unknown = f", {len(unanswered)} without an answer" if unanswered else ""
+    say(f"{len(cells)} combinations, {len(verdicts)} verdicts, {len(false)} false{unknown}")
 
 
 def _cell(verdict: Verdict) -> str:
-    if verdict.status == "unsupported":
+    if verdict.status != "ok":
         return verdict.status
     if verdict.value is not None:
         return number(verdict.value) + (" FALSE" if verdict.holds is False else "")

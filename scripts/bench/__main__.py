@@ -18,6 +18,8 @@ from merap.checker.storm import StormModel, build_text
 from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
 from merap.learning.running import train
+from merap.mdp.model import TabularMDP
+from merap.mdp.umb import read_umb
 from merap.strategies.adaptation import adapt
 from scripts.bench import belief, learning, online, shield, trigger
 from scripts.bench.learning import Json, median, report
@@ -66,7 +68,7 @@ def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
     mdp = model.mdp()
     seconds = {
         "build": median(lambda: build_text(text, "grid"), repeats),
-        "export_umb": median(model.mdp, repeats),
+        "export_umb": median(lambda: _export(model), repeats),
         "iterate_rows": median(lambda: _iterate(model), 1),
     }
     figures = {
@@ -111,6 +113,14 @@ def adaptation(
         figures[f"never_{episodes}_episodes"] = sum(of_seed.count(None) for of_seed in by_seed)
     figures["runs"] = training_seeds * seeds
     report(f"adaptation to {study.name}", figures, json_file)
+
+
+def _export(model: StormModel) -> TabularMDP:
+    """The fast way: an archive that is mapped into memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.umb"
+        model.export_umb(path)
+        return read_umb(path)
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:

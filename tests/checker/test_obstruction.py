@@ -99,3 +99,9 @@ def test_one_start_that_gets_there_is_enough(start: int, open_way: bool) -> None
     weights[[0, start]] = 1 / len({0, start})
     combination = with_objective(with_environment(graph_combination(), blocked=blocked), start=weights)
     assert (obstruction(combination) is None) == open_way
+
+
+def test_every_obstacle_is_named_once() -> None:
+    twice = grid_combination(blocked=WALL, no_entry=cells((4, 5), (3, 4)))
+    into_the_wall = np.isin(twice.space.target, [3 * 9 + 4, 4 * 9 + 5])
+    assert obstruction(with_environment(twice, blocked_edges=into_the_wall)) == obstruction(walled())

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination
+from merap.checker.building import build_combination, build_pair
 from merap.checker.storm import StormModel, build_file, build_text
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.concerns.combination import Combination
@@ -153,6 +153,24 @@ def test_the_archive_holds_the_model(walk: StormModel, tmp_path: Path) -> None:
     assert mdp.variable_names == ("x",)
     assert sorted(mdp.action_names) == ["end", "go", "rest"]
     assert mdp.labels["goal"].tolist() == (mdp.valuations[:, 0] == 3).tolist()
+
+
+def test_a_model_is_exported_once_for_all_that_it_is_used_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    exported = []
+    export = StormModel.export_umb
+
+    def counted(model: StormModel, path: Path) -> None:
+        exported.append(path)
+        export(model, path)
+
+    monkeypatch.setattr(StormModel, "export_umb", counted)
+    combination = graph_combination()
+    built = build_combination(combination)
+    built.storm.check('R{"objective"}max>=-100 [C<=3]', built.mdp.initial)
+    built.storm.mdp()
+    assert len(exported) == 1
+    build_pair(combination, combination.objective.start > 0)
+    assert len(exported) == 2
 
 
 def test_reward_structures_are_chosen_by_name(walk: StormModel) -> None:

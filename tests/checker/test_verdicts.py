@@ -3,11 +3,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from merap.checker.verdicts import Verdict, verify
+from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination, Condition
 from merap.errors import InputError
 from tests.support.hand_made import (
@@ -17,6 +19,8 @@ from tests.support.hand_made import (
     with_capability,
     with_objective,
 )
+from tests.support.paths import MODELS
+from tests.support.slow_chain import slow_case
 
 
 def verdicts(combination: Combination) -> dict[str, Verdict]:
@@ -173,3 +177,85 @@ def test_a_verdict_is_json_even_if_it_is_infinite() -> None:
         "status": "ok",
         "reason": None,
     }
+
+
+def without_goal(combination: Combination) -> Combination:
+    return with_objective(combination, goal=np.zeros_like(combination.objective.goal))
+
+
+def test_without_a_goal_the_defaults_are_about_the_end_of_the_task() -> None:
+    graph = without_goal(graph_combination())
+    ending = with_objective(
+        graph, ends_in=None, ends_after=Condition(at=np.array([False, False, False, True]))
+    )
+    found = verdicts(ending)
+    assert list(found) == ["complete", "complete_within_horizon", "reward"]
+    assert found["complete"].property == 'Pmax=? [F "done"]'
+    assert (found["complete"].holds, found["complete"].reason) == (True, None)
+    assert {verdict.status for verdict in found.values()} == {"ok"}
+
+
+def test_without_goal_and_end_the_default_is_the_reward() -> None:
+    endless = with_objective(without_goal(graph_combination()), ends_in=None, ends_after=None)
+    found = verdicts(endless)
+    assert list(found) == ["reward"]
+    assert found["reward"].holds is None
+    # what an own property lacks is its value, as there is no goal to be cut off from
+    missed = verdicts(with_properties(endless, rich='R{"objective"}max>=1000 [C<=2]'))["rich"]
+    assert missed.holds is False
+    assert missed.reason is not None
+    assert missed.reason.startswith("the value is ")
+
+
+def test_one_property_is_checked_where_there_is_one() -> None:
+    combinations = [replace(without_goal(graph_combination()), name="e.c.n"), graph_combination()]
+    assert [verdict.combination for verdict in verify(combinations, only="reach")] == ["e.c.o"]
+    with pytest.raises(InputError, match="no property is called 'reach'; there are "):
+        list(verify(combinations[:1], only="reach"))
+
+
+def test_a_case_and_one_combination_are_taken_as_they_are() -> None:
+    case = load_case(MODELS / "paper-grid" / "rq1-3.yaml")
+    assert len({verdict.combination for verdict in verify(case, only="reach")}) == case.size
+    assert [verdict.name for verdict in verify(grid_combination(), only="reach")] == ["reach"]
+
+
+@pytest.mark.slow
+def test_a_property_over_its_time_has_no_answer_and_the_others_do() -> None:
+    endless = 'Pmax=? [F<=2000000000 "goal"]'
+    combination = with_properties(graph_combination(), endless=endless, ever='Pmax>=0.9 [F "goal"]')
+    found = {verdict.name: verdict for verdict in verify(combination, timeout=4)}
+    assert list(found) == ["reach", "reach_within_horizon", "reward", "endless", "ever"]
+    assert {name for name, verdict in found.items() if verdict.status == "timeout"} == {"endless"}
+    late = found["endless"]
+    assert (late.value, late.lower, late.upper, late.holds) == (None, None, None, None)
+    assert late.reason == f"e.c.o: property {endless!r}: not done within 4 s"
+    assert found["ever"].holds is True
+
+
+def test_a_model_that_is_not_built_in_time_has_no_answers() -> None:
+    found = list(verify([grid_combination(), replace(grid_combination(), name="e.c.p")], timeout=1e-6))
+    assert [(verdict.combination, verdict.status) for verdict in found] == [
+        (name, "timeout") for name in ("e.c.o", "e.c.p") for _ in range(3)
+    ]
+
+
+def test_the_slowly_mixing_chain_is_verified(tmp_path: Path) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(slow_case(20, """    half: 'Pmax>=0.5 [F "goal"]'"""), encoding="utf-8")
+    found = {verdict.name: verdict for verdict in verify(load_case(path))}
+    assert found["reach"].value == pytest.approx(0.5, abs=1e-9)
+    assert found["half"].holds is True
+
+
+def test_what_is_no_combination_is_one_line() -> None:
+    for wrong in (5, [5], {"a": 1}):
+        with pytest.raises(InputError, match="is no combination"):
+            list(verify(wrong))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"nowhere\.yaml"):
+        list(verify("nowhere.yaml"))
+
+
+def test_the_path_of_a_case_is_taken_too() -> None:
+    path = MODELS / "paper-grid" / "rq1-3.yaml"
+    assert list(verify(str(path), only="reach")) == list(verify(path, only="reach"))

@@ -14,6 +14,7 @@ from merap.concerns.case_study import load_case
 from merap.concerns.synthesis import synthesise
 from tests.support.command_line import merap, refused
 from tests.support.paths import MODELS
+from tests.support.slow_chain import slow_case
 
 GRID = MODELS / "paper-grid" / "rq1-3.yaml"
 RUNNING = MODELS / "running-example"
@@ -76,6 +77,42 @@ def test_a_false_verdict_exits_with_1_and_says_what_cuts_the_goal_off(tmp_path: 
     assert done.returncode == 1
     assert "b_blocked.speed_low.g1" in done.stdout
     assert "cut off by blocked A, B, C (environment b_blocked)" in done.stdout
+
+
+@pytest.mark.slow
+def test_a_property_over_its_time_is_one_line_and_exits_with_3(tmp_path: Path) -> None:
+    case = tmp_path / "case.yaml"
+    endless = """    endless: 'Pmax=? [F<=2000000000 "goal"]'"""
+    case.write_text(slow_case(20, endless))
+    done = merap("verify", case, "--timeout", "4")
+    assert (done.returncode, done.stderr) == (3, "")
+    header, row, *lines = done.stdout.splitlines()
+    assert header.split() == ["combination", "reach", "reach_within_horizon", "reward", "endless"]
+    assert row.split() == ["e.c.o", "0.5", "0", "0", "timeout"]
+    assert lines == [
+        """timeout: e.c.o: property 'Pmax=? [F<=2000000000 "goal"]': not done within 4 s""",
+        "1 combinations, 4 verdicts, 0 false, 1 without an answer",
+    ]
+    # a false verdict is known, whatever is not
+    false = """    sure: 'Pmin>0.5 [F "goal"]'"""
+    case.write_text(slow_case(20, f"{endless}\n{false}"))
+    assert merap("verify", case, "--timeout", "4").returncode == 1
+    for limit in ("0", "-1", "nan", "inf"):
+        assert "expected seconds above 0" in refused("verify", case, "--timeout", limit)
+
+
+def test_a_case_without_goal_is_verified(tmp_path: Path) -> None:
+    case = tmp_path / "case.yaml"
+    text = slow_case(3, "").replace("  properties:\n\n", "").replace("  parameters: {goal: location}\n", "")
+    case.write_text(
+        text.replace("{goal: s6}", "{}").replace("{to: goal, value: 1}", "{value: -1}").replace("goal", "s6")
+    )
+    report = tmp_path / "verdicts.json"
+    done = merap("verify", case, "--json", report)
+    assert done.returncode == 0, done.stdout
+    verdicts = json.loads(report.read_text())["verdicts"]
+    assert [verdict["name"] for verdict in verdicts] == ["complete", "complete_within_horizon", "reward"]
+    assert verdicts[0]["value"] == pytest.approx(0.5, abs=1e-9)
 
 
 def test_a_base_too_large_to_enumerate_is_refused_with_count_and_limit(tmp_path: Path) -> None:
