@@ -16,8 +16,9 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.models import train_models
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.planning import optimum
+from merap.strategies.evaluation import evaluator
 from merap.strategies.gradient import GradientStrategy
-from merap.strategies.protocol import adaptation, evaluator
+from merap.strategies.protocol import adaptation
 from merap.systems.gymnasium import GymnasiumSystem
 
 EPISODES = 35

@@ -50,18 +50,18 @@ def main() -> None:
     print(f"4. Met online, covered by a model: {covered.name}. Gradient steps from the meta policy:")
     _table(merap.adapt(run, covered, steps=5, seeds=SEEDS))
 
-    met = case.system("met")
+    system = case.system("met")
     print("5. Met online, not covered: location A is blocked, which no model foresaw; the goal is G3.")
     print("   Gradient steps alone (the meta policy goes through A and never sees another way pay):")
-    by_gradient = merap.adapt(run, met, steps=5, seeds=SEEDS)
+    by_gradient = merap.adapt(run, system, steps=5, seeds=SEEDS)
     _table(by_gradient)
     print("   A belief over the models, with mass kept for what they leave out:")
-    by_belief = merap.adapt(run, met, strategy="belief", steps=5, seeds=SEEDS)
+    by_belief = merap.adapt(run, system, strategy="belief", steps=5, seeds=SEEDS)
     _table(by_belief)
 
-    horizon = met.objective.horizon
-    before = most_likely_path(by_gradient.model, met, by_gradient.before, horizon, label="before")
-    after = most_likely_path(by_belief.model, met, by_belief.after, horizon, label="after")
+    horizon = system.objective.horizon
+    before = most_likely_path(by_gradient.model, system, by_gradient.before, horizon, label="before")
+    after = most_likely_path(by_belief.model, system, by_belief.after, horizon, label="after")
     for path in (before, after):
         print(f"   {path.label:6}  {path.text}")
 
@@ -72,7 +72,7 @@ def main() -> None:
     reachable = by_belief.reachable
     title = "Running example: A is blocked"
     written = [
-        *save_figure(draw_before_after(met, before, after, title=title), OUT / "map"),
+        *save_figure(draw_before_after(system, before, after, title=title), OUT / "map"),
         *save_figure(draw_adaptation(curves, reachable.optimum, reachable.worst, title), OUT / "curve"),
     ]
     print("6. Drawn:", ", ".join(str(path.relative_to(ROOT)) for path in written))

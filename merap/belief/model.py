@@ -53,14 +53,16 @@ def mean_model(space: HypothesisSpace, belief: Belief) -> DomainModel:
     return _model(space, *_open_mass(space, belief, dynamics), objective.sum(axis=1))
 
 
-def mean_and_hope(space: HypothesisSpace, belief: Belief, doubt: float) -> tuple[DomainModel, DomainModel]:
-    """The mean, and the mean with every move open that is open with a probability of at least `doubt`."""
+def mean_and_optimistic(
+    space: HypothesisSpace, belief: Belief, doubt: float
+) -> tuple[DomainModel, DomainModel]:
+    """Return the mean model, and the same with each move open that is with probability `doubt` or more."""
     dynamics, objective = weights(belief)
     total, is_open = _open_mass(space, belief, dynamics)
     share = is_open.sum(axis=(0, 1, 2)) / total.sum()
-    hoped = np.where(share >= doubt, total[..., np.newaxis, np.newaxis], is_open)
+    optimistic = np.where(share >= doubt, total[..., np.newaxis, np.newaxis], is_open)
     mean = _model(space, total, is_open, objective.sum(axis=1))
-    prob, enabled = _transitions(space, total, hoped)
+    prob, enabled = _transitions(space, total, optimistic)
     return mean, replace(mean, prob=prob, enabled=enabled)
 
 

@@ -22,7 +22,7 @@ CERTAIN = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class FinitePlan:
     """A time-indexed policy on a domain model.
 
     Attributes:
@@ -60,7 +60,9 @@ class Refined:
         return f"{worth}, the meta policy after exact gradient steps {self.refined_value:.3g}: {chosen}"
 
 
-def plan(model: DomainModel, horizon: int, extra: Floats | None = None, ties: Floats | None = None) -> Plan:
+def plan(
+    model: DomainModel, horizon: int, extra: Floats | None = None, ties: Floats | None = None
+) -> FinitePlan:
     """Backward induction.
 
     Args:
@@ -82,7 +84,7 @@ def plan(model: DomainModel, horizon: int, extra: Floats | None = None, ties: Fl
         ranked[t] = np.where(model.enabled, of_actions, IMPOSSIBLE)
         values[t] = np.where(possible, ranked[t].max(axis=0), 0.0)
     preferred = ranked if ties is None else ranked + ties
-    return Plan(values, preferred.argmax(axis=1), preferred.transpose(0, 2, 1))
+    return FinitePlan(values, preferred.argmax(axis=1), preferred.transpose(0, 2, 1))
 
 
 def policy_values(models: Sequence[DomainModel], policy: Floats, start: Floats) -> Floats:
@@ -134,7 +136,7 @@ def objective_information(space: HypothesisSpace, belief: Belief, model: DomainM
 
 
 def information_price(
-    space: HypothesisSpace, belief: Belief, model: DomainModel, plan_: Plan, start: Floats
+    space: HypothesisSpace, belief: Belief, model: DomainModel, plan_: FinitePlan, start: Floats
 ) -> float:
     """What a nat about the objective is worth per episode to come.
 

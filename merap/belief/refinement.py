@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from merap.belief.model import DomainModel, sampled_model
-from merap.belief.planning import Plan, Refined, plan, policy_values
+from merap.belief.planning import FinitePlan, Refined, plan, policy_values
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
 from merap.learning.exact import ExactProblem, exact_problem, expected_return
@@ -72,7 +72,7 @@ class Refinement:
         self._settings = settings or RefinementSettings()
         self._negligible = NEGLIGIBLE_GAP * (float(np.ptp(space.reward)) or 1.0)
 
-    def __call__(self, belief: Belief, best: Plan, plan_policy: Floats, start: Floats) -> Refined:
+    def __call__(self, belief: Belief, best: FinitePlan, plan_policy: Floats, start: Floats) -> Refined:
         """The better of two policies.
 
         Args:

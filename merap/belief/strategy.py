@@ -12,27 +12,27 @@ from typing import Literal
 import numpy as np
 
 from merap.belief.explanation import explain
-from merap.belief.model import DomainModel, mean_and_hope, sampled_model
+from merap.belief.model import DomainModel, mean_and_optimistic, sampled_model
+from merap.belief.optimistic_exploration import OptimisticOutcome, optimistic_plans
 from merap.belief.planning import (
     IMPOSSIBLE,
-    Plan,
+    FinitePlan,
     Refined,
     information_price,
     objective_information,
     plan,
 )
 from merap.belief.posterior import Belief, prior_belief
-from merap.belief.remembering import remembered
+from merap.belief.prior_update import updated_prior
 from merap.belief.space import HypothesisSpace
-from merap.belief.testing import Trial, hopes
-from merap.belief.update import Step, observe_state, observe_step
+from merap.belief.update import ObservedStep, observe_state, observe_step
 from merap.mdp.model import Bools, Floats
 from merap.systems.interface import Observation
 from merap.systems.strategy import StateIndex, best_allowed
 
 Exploration = Literal["information", "mean", "thompson"]
 # From the belief, the plan on its mean, the same as a policy [T, S, A], and the start [S].
-Refiner = Callable[[Belief, Plan, Floats, Floats], Refined]
+Refiner = Callable[[Belief, FinitePlan, Floats, Floats], Refined]
 TIES = 1e-9
 WORTH_REPLANNING = 1e-3
 # Per nat, in units of the range of rewards.
@@ -99,7 +99,7 @@ class BeliefStrategy:
         self._negligible = NEGLIGIBLE_PRICE * scale / TIES
         self._episodes = -1
         self._price = 0.0
-        self._tried: Trial | None = None
+        self._tried: OptimisticOutcome | None = None
         self._modelled: Belief | None = None
         self._restriction: Bools | None = None
         self.update()
@@ -123,8 +123,8 @@ class BeliefStrategy:
         return best_allowed(self._acting.ranked[now, self._state], allowed)
 
     def revise(self) -> None:
-        """Begin with a mixture of the prior and of what was believed; see `remembering`."""
-        self._space = remembered(self._space, self.belief)
+        """Begin with a mixture of the prior and of what was believed; see `prior_update`."""
+        self._space = updated_prior(self._space, self.belief)
         self.belief = prior_belief(self._space)
         self._modelled, self._learned, self._refined_at = None, -np.inf, -np.inf
 
@@ -148,27 +148,29 @@ class BeliefStrategy:
             model = self._restricted(sampled_model(self._space, self.belief, self._generator))
             self._acting = plan(model, remaining, ties=self._ties)
             return
-        model, hoped = self._models()
+        model, optimistic = self._models()
         extra = self._bonus(model)
         self._acting = plan(model, remaining, extra, self._ties)
         if extra is None and self._settings.exploration == "information":
-            self._acting = self._hope(model, hoped, self._acting) or self._acting
+            self._acting = self._optimistic_plan(model, optimistic, self._acting) or self._acting
 
     def _models(self) -> tuple[DomainModel, DomainModel]:
-        """The mean and the hope, made once for a belief."""
+        """Return the mean and the optimistic model, made once for a belief."""
         if self._modelled is not self.belief:
             self._modelled = self.belief
-            mean, hope = mean_and_hope(self._space, self.belief, self._settings.doubt)
-            self._mean_and_hope = self._restricted(mean), self._restricted(hope)
-        return self._mean_and_hope
+            mean, optimistic = mean_and_optimistic(self._space, self.belief, self._settings.doubt)
+            self._mean_and_optimistic = self._restricted(mean), self._restricted(optimistic)
+        return self._mean_and_optimistic
 
-    def _hope(self, model: DomainModel, hoped: DomainModel, best: Plan) -> Plan | None:
-        """The plan on what may be open that pays first, if any does."""
+    def _optimistic_plan(
+        self, model: DomainModel, optimistic: DomainModel, best: FinitePlan
+    ) -> FinitePlan | None:
+        """Return the first optimistic plan that pays; None: none does."""
         episodes = max(self._settings.episodes_ahead, self._episodes)
-        for found, hope in hopes(model, best, hoped, self._state, self._ties):
+        for found, daring in optimistic_plans(model, best, optimistic, self._state, self._ties):
             if found.pays(episodes):
                 self._tried = found
-                return hope
+                return daring
         return None
 
     def _bonus(self, model: DomainModel) -> Floats | None:
@@ -179,7 +181,7 @@ class BeliefStrategy:
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
         target = self._index(observation)
-        step = Step(self._state, action, target, observation.reward)
+        step = ObservedStep(self._state, action, target, observation.reward)
         self.belief = observe_step(self._space, self.belief, step)
         self._state = target
         self._time += 1
@@ -238,7 +240,7 @@ class BeliefStrategy:
         return lines if self._refined is None else (*lines, self._refined.reason)
 
 
-def _best(best: Plan) -> Floats:
+def _best(best: FinitePlan) -> Floats:
     """float64 [T, S, A], deterministic."""
     chosen: Floats = (best.actions[..., np.newaxis] == np.arange(best.ranked.shape[2])).astype(np.float64)
     return chosen

@@ -26,7 +26,7 @@ MANY = 1e9
 
 
 @dataclass(frozen=True)
-class Step:
+class ObservedStep:
     """A step that was seen.
 
     Attributes:
@@ -87,7 +87,7 @@ def observe_enabled(space: HypothesisSpace, belief: Belief, state: int, enabled:
     return belief
 
 
-def observe_step(space: HypothesisSpace, belief: Belief, step: Step) -> Belief:
+def observe_step(space: HypothesisSpace, belief: Belief, step: ObservedStep) -> Belief:
     """A transition, its reward, and whether it ended the task."""
     table = space.actions[step.action]
     slots = _slot_probabilities(space, table, step.state)
@@ -115,7 +115,7 @@ def _slot_probabilities(space: HypothesisSpace, table: ActionTable, state: int) 
     return slots
 
 
-def _log_rewards(space: HypothesisSpace, step: Step, num_slots: int) -> Floats:
+def _log_rewards(space: HypothesisSpace, step: ObservedStep, num_slots: int) -> Floats:
     """float64 [U, K, O, Y], log-density of the reward and of having ended or not."""
     place = (slice(None), slice(None), step.action, step.state, slice(0, num_slots))
     expected, ends = space.reward[place], space.ends[place]

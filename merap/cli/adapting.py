@@ -78,7 +78,7 @@ def adapt(
     """Adapt to a system that is met online, and score it against the optimum."""
     from merap.learning.run_folder import read_run
     from merap.strategies import adaptation
-    from merap.strategies.ground_truth import Conditions, encounter
+    from merap.strategies.adaptation_problem import Conditions, adaptation_problem
     from merap.strategies.registry import ALL, PRETRAINED, parse_strategy
 
     require_free_report(json, force=force)
@@ -88,7 +88,7 @@ def adapt(
     each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
     opened = read_run(run)
     chosen = _seeds(seeds)
-    met = encounter(
+    problem = adaptation_problem(
         opened,
         opened.case.system(system),
         episodes_per_step=each,
@@ -103,13 +103,13 @@ def adapt(
             bar.advance(job)
 
         if spread:
-            report = adaptation.spread_of_pretrained(met, steps=steps, seeds=chosen, on_step=count)
+            report = adaptation.spread_of_pretrained(problem, steps=steps, seeds=chosen, on_step=count)
         else:
-            report = adaptation.adapt_to(met, strategy, steps=steps, seeds=chosen, on_step=count)
+            report = adaptation.adapt_to(problem, strategy, steps=steps, seeds=chosen, on_step=count)
     shown = report.shown if isinstance(report, adaptation.Spread) else (report,)
     write_json(json, report.as_dict(), force=force)
     if out is not None:
-        _draw(shown, met.system, out, force=force)
+        _draw(shown, problem.truth.system, out, force=force)
     if str(json) != "-":
         for found in shown:
             _show(found)
@@ -222,7 +222,7 @@ def _show_safety(sums: Mapping[str, Any]) -> None:
         )
 
 
-def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -> None:
+def _draw(shown: Sequence[Adaptation], system: Any, folder: Path, *, force: bool) -> None:
     """The curves of all, and the map of the first."""
     from merap.report.curves import draw_adaptation
     from merap.report.map import draw_before_after
@@ -234,11 +234,11 @@ def _draw(shown: Sequence[Adaptation], met: Any, folder: Path, *, force: bool) -
     title = f"Adaptation to {found.system}"
     optimum, worst = found.reachable.optimum, found.reachable.worst
     paths = [
-        most_likely_path(found.model, met, policy, met.objective.horizon, label=label)
+        most_likely_path(found.model, system, policy, system.objective.horizon, label=label)
         for policy, label in ((found.before, "before"), (found.after, "after"))
     ]
     written = [
         *save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force),
-        *save_figure(draw_before_after(met, *paths), folder / "map", force=force),
+        *save_figure(draw_before_after(system, *paths), folder / "map", force=force),
     ]
     say("wrote " + ", ".join(str(path) for path in written))

@@ -33,7 +33,7 @@ def validate(case: options.Case) -> None:
     )
 
 
-class Plan(StrEnum):
+class OptimumDrawing(StrEnum):
     """What may be drawn over the space."""
 
     none = "none"
@@ -46,7 +46,9 @@ def show(
     out: options.Out,
     system: options.SystemName = "met",
     attribute: Annotated[str | None, typer.Option(help="Which attribute to colour by.")] = None,
-    optimum: Annotated[Plan, typer.Option(help="Draw an optimal policy, or its path.")] = Plan.none,
+    optimum: Annotated[
+        OptimumDrawing, typer.Option(help="Draw an optimal policy, or its path.")
+    ] = OptimumDrawing.none,
     force: options.Force = False,
 ) -> None:
     """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
@@ -60,17 +62,17 @@ def show(
     study = load_case(case)
     shown = study.system(system)
     policy, paths = None, []
-    if optimum is not Plan.none:
+    if optimum is not OptimumDrawing.none:
         model = model_of(shown)
         plan = backward_induction(model, shown.objective.horizon, shown.discount)
         policy = as_policy(model, plan.actions)
-    if optimum is Plan.path and policy is not None:
+    if optimum is OptimumDrawing.path and policy is not None:
         paths = [most_likely_path(model, shown, policy, shown.objective.horizon, label="optimal path")]
         say(paths[0].text)
     figure = draw_map(
         shown,
         attribute=attribute,
-        policy=policy[0] if optimum is Plan.policy and policy is not None else None,
+        policy=policy[0] if optimum is OptimumDrawing.policy and policy is not None else None,
         paths=paths,
         title=f"{study.name}: {shown.name}",
     )
@@ -95,9 +97,12 @@ def difference(
     require_free_report(json, force=force)
     study = load_case(case)
     base = build_base(study)
-    met = study.system(system)
+    combination = study.system(system)
     found = differences(
-        canonical(met, synthesise(met)), dict(zip(base.names, base.models, strict=True)), w1, w2
+        canonical(combination, synthesise(combination)),
+        dict(zip(base.names, base.models, strict=True)),
+        w1,
+        w2,
     )
     ranked = sorted(found.items(), key=lambda item: item[1].total)
     name, least = ranked[0]

@@ -57,20 +57,24 @@ def export_policy(
         option = "--adapt-steps" if adapt_steps else "--format prism"
         known = ", ".join(opened.case.systems) or "none, so name a combination"
         raise InputError(f"{option} needs a system; those of the case: {known}", source="--system")
-    met = None if system is None else opened.case.system(system)
-    meta = _policy(opened, met, adapt_steps, episodes_per_step, seed)
-    title = f"{opened.case.name}: the meta policy" if met is None else f"{opened.case.name} on {met.name}: "
-    if met is not None:
+    combination = None if system is None else opened.case.system(system)
+    meta = _policy(opened, combination, adapt_steps, episodes_per_step, seed)
+    title = (
+        f"{opened.case.name}: the meta policy"
+        if combination is None
+        else f"{opened.case.name} on {combination.name}: "
+    )
+    if combination is not None:
         steps = f"{adapt_steps} gradient steps of {episodes_per_step} episodes, seed {seed}"
         title += steps if adapt_steps else "the meta policy"
-    write_bytes(out, _content(kind, opened, met, meta, title), force=force)
+    write_bytes(out, _content(kind, opened, combination, meta, title), force=force)
     say(f"{title}; wrote {out}")
 
 
 def _policy(
-    run: RunFolder, met: Combination | None, adapt_steps: int, episodes_per_step: int, seed: int
+    run: RunFolder, combination: Combination | None, adapt_steps: int, episodes_per_step: int, seed: int
 ) -> MetaPolicy:
-    if met is None or not adapt_steps:
+    if combination is None or not adapt_steps:
         from merap.learning.checkpoint import read_policy
         from merap.learning.running import tasks_of
 
@@ -81,7 +85,7 @@ def _policy(
         job = bar.add_task("Adapting", total=adapt_steps, note="")
         return adapted_policy(
             run,
-            met,
+            combination,
             steps=adapt_steps,
             episodes_per_step=episodes_per_step,
             seed=seed,
@@ -90,15 +94,15 @@ def _policy(
 
 
 def _content(
-    kind: PolicyFormat, run: RunFolder, met: Combination | None, meta: MetaPolicy, title: str
+    kind: PolicyFormat, run: RunFolder, combination: Combination | None, meta: MetaPolicy, title: str
 ) -> bytes:
     from merap.families.build import model_of
     from merap.learning import policy_export
     from merap.learning.run_folder import read_tasks
 
-    if met is not None and kind is PolicyFormat.prism:
-        return policy_export.prism_text(meta, met, title).encode()
-    table = policy_export.tabulate(meta, read_tasks(run) if met is None else [model_of(met)])
+    if combination is not None and kind is PolicyFormat.prism:
+        return policy_export.prism_text(meta, combination, title).encode()
+    table = policy_export.tabulate(meta, read_tasks(run) if combination is None else [model_of(combination)])
     if kind is PolicyFormat.npz:
         return policy_export.npz_bytes(table, run.case, title)
     return policy_export.csv_text(table).encode()

@@ -1,4 +1,4 @@
-"""The analyzer: what the real domain is like, and whether it is still what the policy was made for.
+"""The analyzer: believes what the real domain is like, and notices when it has changed.
 
 Axes: S states of the canonical index (the completed state is the last), A declared actions, K as in
 `belief.actions`.
@@ -13,23 +13,21 @@ import numpy as np
 from merap.belief.explanation import explain
 from merap.belief.model import DomainModel, mean_model, tabular
 from merap.belief.posterior import Belief, prior_belief
-from merap.belief.remembering import remembered
+from merap.belief.prior_update import updated_prior
 from merap.belief.space import HypothesisSpace
-from merap.belief.update import Step, observe_state, observe_step
-from merap.mapek.change_points import Rival, Rivals
-from merap.mapek.messages import AdaptedPolicy, Analysis, Monitored, Phase, Sighting, Transition
-from merap.mdp.evaluation import expected_return
+from merap.belief.update import ObservedStep, observe_state, observe_step
+from merap.mapek.change_points import ChangePoint, ChangePoints
+from merap.mapek.messages import AdaptedPolicy, Analysis, Monitored, Phase
 from merap.mdp.model import Floats, TabularMDP
-from merap.mdp.planning import optimum, worst_value
-from merap.strategies.evaluation import Range
-from merap.strategies.protocol import executed
-from merap.trigger.readings import Forecast, Steps
+from merap.strategies.evaluation import evaluator, executed, reachable_range
+from merap.systems.sightings import News, Transition
+from merap.trigger.readings import Forecast, ObservedSteps
 from merap.trigger.settings import ChangeSettings
 from merap.trigger.trigger import Alarm, Reading, Trigger
 
-# An adaptation goes on while an update's episodes change the belief by more nats than that.
+# An adaptation goes on while the episodes of an update change the belief by more nats than that.
 QUIET = 0.1
-# But not for more than so many times the updates that it takes at least.
+# It ends at the latest after that many times its least number of updates.
 PATIENCE = 5
 
 
@@ -37,16 +35,16 @@ class Analyzer:
     """Keeps a belief while the learner adapts; watches its predictions while the policy is executed.
 
     While the policy is executed the model stays as it was when adaptation ended. If it followed the
-    observations, a change would be explained away before anyone acts on it. While it is adapted the belief
-    has rivals that would notice a change, see `rivals`.
+    observations, a change would be explained away before anyone acts on it. While the policy is adapted,
+    recent episodes are tried as change points, see `change_points`.
 
     Args:
         space: the hypotheses of the case.
         horizon: T.
         updates: policy updates of an adaptation, at least; None: it never ends.
         trigger: decides when to re-plan; None: never.
-        settings: of what the trigger reads.
-        forget: re-planning starts from the prior; else from a mixture of it and of what was believed.
+        settings: of the readings of the trigger.
+        forget: whether re-planning starts from the prior; else from a mixture of prior and posterior.
     """
 
     def __init__(
@@ -70,33 +68,33 @@ class Analyzer:
         self._watched = 0
         self._phase: Phase = "adapting"
         self.belief = prior_belief(space)
-        self._rivals = Rivals(space)
+        self._change_points = ChangePoints(space)
         self._modelled: tuple[Belief, DomainModel] | None = None
 
     @property
     def model(self) -> DomainModel:
-        """The MDP of the real domain, as far as it is known."""
+        """The mean model of the belief about the real domain."""
         if self._modelled is None or self._modelled[0] is not self.belief:
             self._modelled = self.belief, mean_model(self._space, self.belief)
         return self._modelled[1]
 
     def tabular(self) -> TabularMDP:
-        """The same on the canonical index."""
+        """Return the model on the canonical index."""
         return tabular(self._space, self.model, self._space.initial)
 
-    def remember(self, space: HypothesisSpace) -> None:
-        """From the next re-planning on, begin with the prior of these hypotheses."""
+    def adopt_prior(self, space: HypothesisSpace) -> None:
+        """Begin with the prior of these hypotheses, from the next re-planning on."""
         self._space = space
 
     def explain(self) -> tuple[str, ...]:
-        """Which hypotheses are left, with what weight."""
+        """Return the hypotheses that are left, with their weights, in plain lines."""
         return explain(self._space, self.belief, "the analyzer's model is the mean of its belief")
 
     def enough(self, policy: AdaptedPolicy) -> bool:
-        """Whether an adaptation may end with this update.
+        """Return whether an adaptation may end with this update.
 
-        It may, after the updates that it takes at least, once there is no more news and the policy
-        is about as good as any for what is believed.
+        It may after its least number of updates, once the belief is quiet and the policy is about as good
+        as any for the mean of the belief.
         """
         news, self._learned = self.belief.learned - self._learned, self.belief.learned
         if self._updates is None or policy.update < self._updates:
@@ -107,12 +105,11 @@ class Analyzer:
 
     def _is_good(self, table: Floats) -> bool:
         model = self.tabular()
-        reachable = Range(optimum(model, self._horizon), worst_value(model, self._horizon))
-        value = expected_return(model, executed(model, table), self._horizon)
+        reachable, value = reachable_range(model, self._horizon), evaluator(model, self._horizon)(table)
         return reachable.within_5_percent(value) or reachable.solved(value)
 
     def settle(self, table: Floats) -> None:
-        """Adaptation is over: from now on observations are held against the model.
+        """End an adaptation: from now on observations are held against the model.
 
         Args:
             table: float64 [S, A] or [T, S, A], the policy that is carried out.
@@ -123,33 +120,33 @@ class Analyzer:
             self._forecast = Forecast(model, executed(model, table), self._horizon, self._settings)
 
     def analyse(self, monitored: Monitored) -> Analysis:
-        """What has arrived, taken in or held against the model."""
+        """Update the belief with the news, or hold the news against the model."""
         if self._phase == "executing":
             alarm = self._watch(monitored)
             if alarm is not None:
                 return self._replan(monitored, alarm)
         else:
-            rival = self._adapt(monitored)
-            if rival is not None:
-                return self._start_anew(monitored, rival)
+            change = self._adapt(monitored)
+            if change is not None:
+                return self._start_anew(monitored, change)
         return Analysis(self._phase, self._whereabouts(monitored))
 
-    def _adapt(self, monitored: Monitored) -> Rival | None:
-        """Take in what has arrived; a rival that has seen enough to be believed instead."""
+    def _adapt(self, monitored: Monitored) -> ChangePoint | None:
+        """Update the belief, and return a change point that explains the news far better."""
         if self._trigger is not None and monitored.step == 0:
-            self._rivals.begin(monitored.episode, self.belief)
+            self._change_points.add(monitored.episode, self.belief)
         for news in monitored.news:
             self._learn(news)
-        return self._rivals.convincing(self.belief)
+        return self._change_points.convincing(self.belief)
 
-    def _start_anew(self, monitored: Monitored, rival: Rival) -> Analysis:
-        """With the belief of the rival, for whom the change was before all it has seen."""
-        odds = rival.log_odds(self.belief)
-        self.belief = rival.belief
+    def _start_anew(self, monitored: Monitored, change: ChangePoint) -> Analysis:
+        """Go on with the belief of a change point, which has seen nothing from before the change."""
+        odds = change.log_odds(self.belief)
+        self.belief = change.belief
         self._learned = self.belief.learned
-        self._rivals = Rivals(self._space)
+        self._change_points = ChangePoints(self._space)
         reason = (
-            f"the system has changed amid the adaptation: what was seen from episode {rival.episode} on is "
+            f"the system has changed amid the adaptation: what was seen from episode {change.episode} on is "
             f"e^{odds:.1f} times likelier if all that was learned before is forgotten"
         )
         return Analysis(self._phase, self._whereabouts(monitored), replan=True, reasons=(reason,))
@@ -159,18 +156,18 @@ class Analyzer:
         self._trigger.replanned()
         self._phase = "adapting"
         if not self._forget:
-            self._space = remembered(self._space, self.belief)
+            self._space = updated_prior(self._space, self.belief)
         self.belief = prior_belief(self._space)
         self._learned = self.belief.learned
-        self._rivals = Rivals(self._space)
-        self._rivals.begin(monitored.episode, self.belief)
+        self._change_points = ChangePoints(self._space)
+        self._change_points.add(monitored.episode, self.belief)
         for news in monitored.news:
             self._learn(news)
         where = self._whereabouts(monitored)
         return Analysis(self._phase, where, replan=True, reasons=(alarm.reason,))
 
     def _watch(self, monitored: Monitored) -> Alarm | None:
-        """The first alarm that the news give, or the end of the episode."""
+        """Return the first alarm that the news raise, or the end of the episode."""
         if self._trigger is None or self._forecast is None:
             return None
         if monitored.step == 0:
@@ -188,24 +185,24 @@ class Analyzer:
         return self._trigger.episode_over()
 
     def _missed_before(self, step: int) -> None:
-        """Tell the trigger, if not all steps before this one were seen whole."""
+        """Tell the trigger if a step before this one was not seen whole."""
         assert self._trigger is not None
         if step > self._watched:
             self._trigger.missed()
 
-    def _learn(self, news: Transition | Sighting) -> None:
+    def _learn(self, news: News) -> None:
         self.belief = self._taken_in(self.belief, news)
-        self._rivals.observe(lambda belief: self._taken_in(belief, news))
+        self._change_points.update(lambda belief: self._taken_in(belief, news))
 
-    def _taken_in(self, belief: Belief, news: Transition | Sighting) -> Belief:
+    def _taken_in(self, belief: Belief, news: News) -> Belief:
         if isinstance(news, Transition):
-            step = Step(news.state, news.action, news.target, news.observation.reward)
+            step = ObservedStep(news.state, news.action, news.target, news.observation.reward)
             belief = observe_step(self._space, belief, step)
             return observe_state(self._space, belief, news.target, news.observation)
         return observe_state(self._space, belief, news.state, news.observation)
 
     def _whereabouts(self, monitored: Monitored) -> Floats:
-        """float64 [S], given that the episode isn't over unless that was seen."""
+        """Return float64 [S], where the system may be; the episode goes on unless its end was seen."""
         completed = self._space.num_states
         where = np.zeros(completed + 1)
         if monitored.state is not None:
@@ -217,10 +214,10 @@ class Analyzer:
 
 
 def _readings(forecast: Forecast, seen: Sequence[Transition]) -> list[Reading]:
-    """Steps that were seen whole, held against the model."""
+    """Hold steps that were seen whole against the model."""
     if not seen:
         return []
-    steps = Steps(
+    steps = ObservedSteps(
         time=np.array([one.time for one in seen]),
         state=np.array([one.state for one in seen]),
         action=np.array([one.action for one in seen]),
@@ -233,7 +230,7 @@ def _readings(forecast: Forecast, seen: Sequence[Transition]) -> list[Reading]:
 
 
 def _predicted(model: DomainModel, begin: Floats, actions: Sequence[int]) -> Floats:
-    """float64 [S - 1], where some actions lead if they don't end the task."""
+    """Return float64 [S - 1], where the actions lead if they don't end the task."""
     here = begin
     for action in actions:
         onward = here[:, np.newaxis] * model.prob[action] * model.continuation[action]

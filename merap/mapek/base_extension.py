@@ -1,9 +1,9 @@
-"""Learning offline again: what the base lacks is added to it, and the meta policy is trained on.
+"""Extension of the base: add a model that the base lacks, and train the meta policy further.
 
 When an adaptation ends with most of the belief outside the base, the analyzer's model of the real
-domain becomes one more task. The meta policy is trained on from what it is, on tasks of the base and
-what was added, and the belief of the next adaptation begins with a prior that remembers it
-(`belief.remembering`), so that the same configuration is met sooner. What was added once is not added again.
+domain becomes one more task. The meta policy is trained further on tasks of the base and the added ones,
+and the belief of the next adaptation begins with an updated prior (`belief.prior_update`), so that the same
+configuration is recognised sooner. The same configuration is never added twice.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from merap.belief.posterior import Belief
-from merap.belief.remembering import base_weight, likeliest, remembered
+from merap.belief.prior_update import base_weight, likeliest, updated_prior
 from merap.belief.space import HypothesisSpace
 from merap.learning.meta import MetaPolicy
 from merap.learning.training import meta_policy, updates
@@ -23,21 +23,21 @@ from merap.mapek.learner import StrategyMaker
 from merap.mdp.model import TabularMDP
 from merap.strategies.registry import StrategyContext
 
-# Of the belief, for the domain to count as none of the base.
+# Belief mass outside the base that triggers an extension.
 MOST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Extension:
-    """The base with one more model, and what was learned of it.
+class BaseExtension:
+    """One more model of the base, and the meta policy and the prior that come with it.
 
     Attributes:
         name: of the model.
         model: canonical.
         meta: the new meta policy.
         updates: outer updates that have led to it, those of the training run included.
-        hypotheses: with a prior that remembers what was met.
-        make: strategies that begin with both.
+        hypotheses: with the updated prior.
+        make: makes strategies that begin with both.
         reasons: why, in plain lines.
     """
 
@@ -50,12 +50,12 @@ class Extension:
     reasons: tuple[str, ...]
 
 
-class Extender:
-    """Extends the base of a run, in memory; the run folder stays what it is.
+class BaseExtender:
+    """Extends the base of a run, in memory; the run folder stays as it is.
 
     Args:
-        context: what strategies were made from so far.
-        making: makes strategies from such a context.
+        context: of the strategies so far.
+        making: returns a maker of strategies for such a context.
         updates: outer updates after each addition.
     """
 
@@ -71,8 +71,8 @@ class Extender:
         self._added: list[TabularMDP] = []
         self._known: set[tuple[str, ...]] = set()
 
-    def extend(self, episode: int, belief: Belief, model: TabularMDP) -> Extension | None:
-        """Add what was met after an adaptation has ended, if the base lacks it.
+    def extend(self, episode: int, belief: Belief, model: TabularMDP) -> BaseExtension | None:
+        """Add the model that an adaptation ended with, if the base lacks it.
 
         Args:
             episode: its last one.
@@ -85,10 +85,10 @@ class Extender:
             return None
         self._known.add(found)
         self._added.append(model)
-        meta, hypotheses = self._trained(), remembered(space, belief)
+        meta, hypotheses = self._trained(), updated_prior(space, belief)
         self._context = self._context.having_learned(meta, hypotheses)
         name, number = f"met_{episode}", len(self._added)
-        return Extension(
+        return BaseExtension(
             name=name,
             model=model,
             meta=meta,
@@ -103,7 +103,7 @@ class Extender:
         )
 
     def _trained(self) -> MetaPolicy:
-        """The meta policy after some updates; the seed is that of the run and of how many were added."""
+        """Train the meta policy further; the seed is that of the run and the number of added models."""
         run = self._context.run
         config = run.config.model_copy(update={"updates": self._updates, "patience": 0})
         generator = np.random.default_rng([run.config.seed, len(self._added)])
@@ -115,7 +115,7 @@ class Extender:
         return meta_policy(tasks, config, state)
 
     def _chosen(self, size: int, generator: np.random.Generator) -> list[TabularMDP]:
-        """What was added last, at most half of the tasks of an update, and others of the base."""
+        """Return the models added last, at most half of the tasks of an update, and others of the base."""
         added = self._added[-max(1, size // 2) :]
         base = self._context.models
         count = min(len(base), size - len(added))

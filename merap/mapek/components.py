@@ -1,96 +1,66 @@
-"""Puts the parts of a loop together for a scenario."""
+"""Make the components of a loop for a scenario."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from merap.belief.space import HypothesisSpace
-from merap.closing import Closing
 from merap.concerns.case_study import CaseStudy
 from merap.learning.run_folder import RunFolder
 from merap.mapek.analyzer import Analyzer
-from merap.mapek.base_extension import Extender
+from merap.mapek.base_extension import BaseExtender
 from merap.mapek.connecting import live_horizon
 from merap.mapek.executor import Executor
-from merap.mapek.ground_truth import truths
-from merap.mapek.instrumented import MetSystem
+from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.learner import Learner
 from merap.mapek.live_system import Disconnected, LiveSystem
-from merap.mapek.loop import Parts
-from merap.mapek.loop_shield import LoopShield
-from merap.mapek.managers import make_manager
-from merap.mapek.monitor import Monitor
+from merap.mapek.loop import Components
+from merap.mapek.managers import make_manager, require_strategy
+from merap.mapek.monitor import Monitor, Sensors
 from merap.mapek.planner import Planner
 from merap.mapek.recorded_system import RecordedSystem
-from merap.mapek.run_store import NOTHING, Past
+from merap.mapek.run_store import NO_HISTORY, History
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import ScenarioSpec
 from merap.mapek.scenario_system import ScenarioSystem
-from merap.mapek.sensors import Sensors
-from merap.mapek.strategy_check import require_strategy
-from merap.shield.learning_shield import ShieldSettings
+from merap.shield.learning_shield import LearningShield, Shield, ShieldSettings, Unshielded
 from merap.strategies.registry import StrategyContext
 from merap.systems.deadline import Punctual
 from merap.systems.interface import ManagedSystem
-from merap.systems.retrying import GuardedSystem, Retries
-from merap.trigger.making import make_trigger
+from merap.systems.retrying import Retries
+from merap.trigger.change import ChangeTrigger
 from merap.trigger.settings import ChangeSettings, WindowSettings
+from merap.trigger.trigger import Trigger
+from merap.trigger.window import WindowTrigger
+
+Guard = Callable[[InstrumentedSystem], ManagedSystem]
 
 
-@dataclass(frozen=True, eq=False)
-class Built(Closing):
-    """A loop and what it meets; a context at whose end the threads that keep deadlines are closed.
-
-    Attributes:
-        parts: of the loop.
-        system: that is controlled.
-        guarded: the same, as the loop sees it.
-        shield: of the loop; None: there is none.
-        adapts: whether the policy is adapted before it is carried out.
-    """
-
-    parts: Parts
-    system: MetSystem
-    guarded: ManagedSystem
-    shield: LoopShield | None
-    adapts: bool
-
-    def close(self) -> None:
-        """End the threads that keep deadlines."""
-        self.parts.punctual.close()
-        if isinstance(self.guarded, GuardedSystem):
-            self.guarded.close()
-
-
-Guard = Callable[[MetSystem], ManagedSystem]
-
-
-def unguarded(system: MetSystem) -> ManagedSystem:
-    """The system as it is."""
+def unguarded(system: InstrumentedSystem) -> ManagedSystem:
+    """Return the system as it is."""
     return system
 
 
-def build(
+def make_components(
     run: RunFolder,
     scenario: Scenario,
     manager: str,
-    past: Past = NOTHING,
+    history: History = NO_HISTORY,
     guard: Guard = unguarded,
     live: ManagedSystem | None = None,
-) -> Built:
-    """A loop before its first episode.
+) -> Components:
+    """Make the components of a loop before its first episode.
 
     Args:
         run: a finished training run.
-        scenario: what is met.
+        scenario: the system, and its changes.
         manager: one of `managers.MANAGERS`.
-        past: episodes that are repeated from records before the system is used.
-        guard: what stands between the loop and the system.
+        history: episodes that are repeated from records before the system is used.
+        guard: stands between the loop and the system.
         live: the system of a scenario that does not simulate it, see `connecting.connected`; None: it is not
-            connected, so that nothing but the past can be repeated.
+            connected, so that nothing but the history can be repeated.
 
     Raises:
         InputError: the scenario does not fit the case, or a name is unknown.
@@ -100,64 +70,80 @@ def build(
     fallback = scenario.action(case)
     drawn = np.random.default_rng(spec.seed).spawn(4)
     of_system, of_sensors, of_learner, of_planner = drawn
-    system = _met(scenario, case, live, of_system)
+    system = _managed_system(scenario, case, live, of_system)
     horizon = system.horizon
     context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step)
     chosen = make_manager(manager, spec.strategy, context)
     restart = spec.strategy.replan_from == "meta"
     learner = Learner(chosen.make, of_learner, restart=restart)
     settings = _trigger_settings(spec)
-    trigger = make_trigger(settings, case.discount) if chosen.replans else None
     readings = settings if isinstance(settings, ChangeSettings) else None
-    analyzer = Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart)
-    shield = _shield(scenario, context.hypotheses, horizon)
+    trigger = make_trigger(settings, case.discount) if chosen.replans else None
     punctual = Punctual(spec.deadline.seconds)
-    late = {(one.row.episode, step): how for one in past.episodes for step, how in one.late.items()}
+    late = {(one.row.episode, step): how for one in history.episodes for step, how in one.late.items()}
     guarded = guard(system)
-    parts = Parts(
+    recorded = RecordedSystem(history.episodes, guarded) if history.episodes else guarded
+    return Components(
+        system=system,
+        guarded=guarded,
         monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
-        analyzer=analyzer,
+        analyzer=Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart),
+        shield=_shield(scenario, context.hypotheses, horizon),
         learner=learner,
         planner=Planner(learner, fallback, punctual, of_planner, late),
-        executor=Executor(RecordedSystem(past.episodes, guarded), shield),
+        executor=Executor(recorded),
         punctual=punctual,
         extender=_extender(spec, manager, context) if chosen.replans else None,
+        adapts=chosen.updates != 0,
     )
-    return Built(parts, system, guarded, shield, chosen.updates != 0)
 
 
-def _met(
+def _managed_system(
     scenario: Scenario, case: CaseStudy, live: ManagedSystem | None, generator: np.random.Generator
-) -> MetSystem:
+) -> InstrumentedSystem:
     spec = scenario.spec
     if spec.live is not None:
         there = live or Disconnected(case.actions)
         horizon = live_horizon(spec.live, case)
         return LiveSystem(there, horizon, case.discount, Retries(spec.live.retries))
     threshold = None if spec.shield is None else spec.shield.threshold
-    stages = truths(scenario.stages(case), spec.noise.slip, threshold)
-    return ScenarioSystem(stages, spec.noise, spec.reset, generator)
+    return ScenarioSystem(scenario.stages(case), spec.noise, spec.reset, generator, threshold)
 
 
-def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> Extender | None:
+def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> BaseExtender | None:
     if not spec.learning.extend:
         return None
-    return Extender(
+    return BaseExtender(
         context, lambda known: make_manager(manager, spec.strategy, known).make, spec.learning.updates
     )
 
 
 def _trigger_settings(spec: ScenarioSpec) -> ChangeSettings | WindowSettings | None:
-    """Those of the file; the noise on rewards is stated to the trigger."""
+    """Return the settings of the file; the trigger is told the noise on rewards if the file does not."""
     given = spec.trigger.settings
     if isinstance(given, ChangeSettings) and spec.noise.reward > 0 and "noise" not in given.model_fields_set:
         return given.model_copy(update={"noise": spec.noise.reward})
     return given
 
 
-def _shield(scenario: Scenario, space: HypothesisSpace, horizon: int) -> LoopShield | None:
+def make_trigger(settings: ChangeSettings | WindowSettings | None, discount: float) -> Trigger | None:
+    """Return the trigger that the settings describe.
+
+    Args:
+        settings: None: never re-plan.
+        discount: of a step, as the case has it; a window counts with it unless it has its own.
+    """
+    if isinstance(settings, ChangeSettings):
+        return ChangeTrigger(settings)
+    if isinstance(settings, WindowSettings):
+        own = settings.discount is not None
+        return WindowTrigger(settings if own else settings.model_copy(update={"discount": discount}))
+    return None
+
+
+def _shield(scenario: Scenario, space: HypothesisSpace, horizon: int) -> Shield:
     spec = scenario.spec.shield
     if spec is None:
-        return None
+        return Unshielded()
     with scenario.document.at("shield"):
-        return LoopShield(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))
+        return LearningShield(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))

@@ -1,4 +1,4 @@
-"""Reach the system that a scenario names, if it is not a simulated one."""
+"""Connect the system that a scenario names, if it is not simulated."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from merap.systems.served_dialect import open_served
 
 @contextmanager
 def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterator[ManagedSystem | None]:
-    """The system of a scenario until the end of the block; None: it is simulated, or all is over.
+    """Connect the system of a scenario until the end of the block; None: it is simulated, or the run is over.
 
     Args:
-        scenario: what is met.
+        scenario: the system.
         case: of the manager.
-        episodes: how many are over; an environment goes on with other draws than those.
+        episodes: number of episodes that are over; an environment goes on with other draws than those.
 
     Raises:
-        InputError: it is none of the case; names the place in the scenario.
+        InputError: the system does not fit the case; names the place in the scenario.
         SystemFault: it can't be reached or does not behave.
     """
     spec = scenario.spec.system
@@ -71,7 +71,7 @@ def _environment(
 
 
 def live_horizon(spec: LiveSpec, case: CaseStudy) -> int:
-    """Steps of an episode of a system that is not simulated."""
+    """Return the steps of an episode of a system that is not simulated."""
     return spec.horizon or case.combination_at(0).objective.horizon
 
 

@@ -1,4 +1,4 @@
-"""What the loop controls, as the report sees it: simulated, or a system that is there."""
+"""The managed system as the report sees it: it counts, and says what is known of its ground truth."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from merap.mapek.ground_truth import Truth
 from merap.mapek.scenario import Stage
+from merap.strategies.ground_truth import GroundTruth
 from merap.systems.interface import ManagedSystem
 
 
 @dataclass(frozen=True)
 class Tally:
-    """What an episode has brought; of a simulation: before any noise.
+    """Counts of an episode; a simulated system counts before any noise.
 
     Attributes:
         steps: taken.
@@ -21,7 +21,7 @@ class Tally:
         discounted: the discounted one.
         unsafe: steps that led into an unsafe state; None: nobody knows.
         completed: the task is complete.
-        faults: kind -> how many calls failed, those that a retry has mended among them.
+        faults: kind -> number of failed calls, those that a retry has mended included.
     """
 
     steps: int = 0
@@ -32,7 +32,7 @@ class Tally:
     faults: Mapping[str, int] = field(default_factory=dict)
 
 
-class MetSystem(ManagedSystem, Protocol):
+class InstrumentedSystem(ManagedSystem, Protocol):
     """A managed system that keeps count, and tells the report what is known of it."""
 
     @property
@@ -41,25 +41,25 @@ class MetSystem(ManagedSystem, Protocol):
 
     @property
     def stages(self) -> tuple[Stage, ...]:
-        """What is there, one after the other; none: nobody knows."""
+        """The stages of the scenario, in order; empty: nobody knows."""
 
     @property
     def stage(self) -> int:
         """The number of the stage in force."""
 
     @property
-    def truth(self) -> Truth | None:
-        """What is really there now; None: nobody knows."""
+    def truth(self) -> GroundTruth | None:
+        """The system as it really is now; None: nobody knows."""
 
     @property
     def tally(self) -> Tally:
-        """Of the episode."""
+        """Counts of the episode."""
 
     def begin(self, episode: int) -> None:
-        """The episode with this number, counted from 0, begins; its reset may fail before it gets here."""
+        """Begin the episode with this number, counted from 0; its reset may fail before it gets here."""
 
     def snapshot(self) -> dict[str, Any] | None:
-        """All of the state, as JSON has it; None: it can't be taken up again."""
+        """Return all of the state, as JSON has it; None: it can't be restored."""
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from a snapshot.

@@ -9,9 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from merap.mapek.messages import AdaptedPolicy, Monitored, Transition
+from merap.mapek.messages import AdaptedPolicy, Monitored
 from merap.mdp.model import Bools
 from merap.shield.shielded_strategy import Restrictable
+from merap.systems.sightings import Transition
 from merap.systems.strategy import Revisable, Strategy
 
 StrategyMaker = Callable[[np.random.Generator], Strategy]
@@ -21,10 +22,10 @@ class Learner:
     """Updates the policy episode by episode, and starts anew whenever it is told to.
 
     Args:
-        make: a strategy as it is before any episode, which is the meta policy if it has one.
+        make: makes a strategy before any episode, which begins with the meta policy if it has one.
         generator: of the strategies.
-        restart: a re-planning starts from `make`; else from the adapted policy, and what was seen of the
-            domain is doubted.
+        restart: whether a re-planning starts from `make`; else it starts from the adapted policy, and
+            doubts the observations of the domain.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class Learner:
         return self._make(self._generator.spawn(1)[0])
 
     def replan(self) -> None:
-        """Adapt anew; the next thing it is told of is where the system is."""
+        """Adapt anew; the next message says where the system is."""
         if self._restart:
             self._strategy = self._fresh()
         elif isinstance(self._strategy, Revisable):
@@ -56,7 +57,7 @@ class Learner:
         self._begun = self._observed = False
 
     def relearned(self, make: StrategyMaker) -> None:
-        """Begin with what was learned offline meanwhile, from the next re-planning on."""
+        """Begin with another maker of strategies, learned offline meanwhile, from the next re-planning on."""
         self._make = make
 
     def restrict(self, mask: Bools) -> None:
@@ -64,12 +65,12 @@ class Learner:
         if isinstance(self._strategy, Restrictable):
             self._strategy.restrict(mask)
 
-    def begin(self) -> None:
-        """An episode begins."""
+    def begin_episode(self) -> None:
+        """Begin an episode."""
         self._begun = self._observed = False
 
-    def observe(self, monitored: Monitored) -> None:
-        """Take in what has arrived; after a gap the strategy goes on where the system was seen."""
+    def learn_from(self, monitored: Monitored) -> None:
+        """Pass the news on to the strategy, which goes on where the system is seen after a gap."""
         for news in monitored.news:
             if isinstance(news, Transition) and self._begun:
                 self._strategy.observe(news.action, news.observation)
@@ -80,11 +81,11 @@ class Learner:
                 self._begun = True
 
     def act(self, allowed: Bools) -> int:
-        """The next action in the state that was seen last, exploration included."""
+        """Return the next action in the state that was seen last, exploration included."""
         return self._strategy.act(allowed)
 
-    def end(self) -> AdaptedPolicy | None:
-        """The episode is over: update the policy if it is time; None if it is not."""
+    def end_episode(self) -> AdaptedPolicy | None:
+        """End the episode, and update the policy if it is time; None if it is not."""
         if not self._observed:
             return None
         self._episodes += 1
@@ -97,7 +98,7 @@ class Learner:
         return self.policy()
 
     def policy(self) -> AdaptedPolicy:
-        """What it has come to with its last update; made once, since it may take its time."""
+        """Return the policy after the last update; it is made once, since that may take its time."""
         if self._policy is None:
             self._policy = AdaptedPolicy(self._updates, self._strategy.policy(), self._strategy.explain())
         return self._policy

@@ -1,4 +1,4 @@
-"""A system that is there, not simulated: nobody knows its true model, and no state of it can be restored."""
+"""A system that is not simulated: nobody knows its true model, and no state of it can be restored."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from merap.systems.retrying import GuardedSystem, Retries
 
 
 class Disconnected:
-    """Stands for a system that is not there: where a record alone is repeated.
+    """Stands for a system that is not connected, where records alone are repeated.
 
     Args:
         actions: A names.
@@ -42,10 +42,10 @@ class Disconnected:
 
 
 class LiveSystem:
-    """Calls again what has failed, and keeps count; see `met.MetSystem`.
+    """Calls again what has failed, and keeps count; see `instrumented.InstrumentedSystem`.
 
     Args:
-        system: what is there.
+        system: the system itself.
         horizon: steps of an episode.
         discount: of each step, for the report.
         retries: of a call that fails.
@@ -68,11 +68,11 @@ class LiveSystem:
 
     @property
     def tally(self) -> Tally:
-        """Of the episode."""
+        """Counts of the episode."""
         return Tally(self._steps, self._earned, self._discounted, None, self._completed, dict(self._faults))
 
     def begin(self, episode: int) -> None:
-        """The episode with this number begins."""
+        """Begin the episode with this number."""
         self._steps = 0
         self._earned = self._discounted = 0.0
         self._completed = False
@@ -100,7 +100,7 @@ class LiveSystem:
         return observation
 
     def snapshot(self) -> None:
-        """It is somewhere else, and goes on without us."""
+        """Return nothing: the system is somewhere else, and goes on by itself."""
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Refuse: a recorded state is one of a simulation.

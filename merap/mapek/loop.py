@@ -1,4 +1,10 @@
-"""The loop: monitor, analyse, plan, execute, and learn, episode by episode."""
+"""The loop: monitor, analyse, shield, learn, plan and execute, episode by episode.
+
+The way of an observation to an action; each message is made in one module and named in `messages`:
+
+    managed system -> executor -(Execution)-> loop -> monitor -(Monitored)-> analyzer -(Analysis)->
+    shield -> learner -> planner -(Plan)-> executor -> managed system
+"""
 
 from __future__ import annotations
 
@@ -8,60 +14,94 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.mapek.analyzer import Analyzer
-from merap.mapek.base_extension import Extender, Extension
+from merap.mapek.base_extension import BaseExtender, BaseExtension
 from merap.mapek.executor import Executor
+from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.learner import Learner
-from merap.mapek.messages import AdaptedPolicy, Analysis, Execution, Monitored, Phase, Plan
+from merap.mapek.messages import AdaptedPolicy, Analysis, Execution, Monitored, Phase
 from merap.mapek.monitor import Monitor
 from merap.mapek.planner import Planner
 from merap.mapek.records import Decision, EpisodeLog, Kind, Problem
 from merap.mdp.model import Bools, Floats, TabularMDP
+from merap.shield.learning_shield import Shield
 from merap.systems.deadline import Punctual
+from merap.systems.interface import ManagedSystem
+from merap.systems.retrying import GuardedSystem
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """The parts of a loop, made for one run of it."""
+class Components:
+    """The components of one loop.
 
+    Attributes:
+        system: the system under control, with what the report asks of it.
+        guarded: the same, as the executor sees it after the recorded episodes.
+        monitor: receives the answers of the system.
+        analyzer: believes what the domain is like, and notices changes.
+        shield: says which actions are safe enough.
+        learner: adapts the policy.
+        planner: chooses the next action.
+        executor: acts on the system.
+        punctual: keeps the deadline of a plan, and runs the learner beside the loop.
+        extender: adds to the base what it lacks; None: nothing is added.
+        adapts: whether the policy is adapted before it is carried out.
+    """
+
+    system: InstrumentedSystem
+    guarded: ManagedSystem
     monitor: Monitor
     analyzer: Analyzer
+    shield: Shield
     learner: Learner
     planner: Planner
     executor: Executor
     punctual: Punctual
-    extender: Extender | None
+    extender: BaseExtender | None
+    adapts: bool
+
+    def close(self) -> None:
+        """End the threads that keep deadlines."""
+        self.punctual.close()
+        if isinstance(self.guarded, GuardedSystem):
+            self.guarded.close()
 
 
 class Loop:
-    """Controls a managed system through its parts.
+    """Controls a managed system through its components.
 
-    Whatever the learner is told during an episode it is told beside the loop, in order. Nothing is shared
-    with it but messages: what the loop decides depends on the clock only through the plans that were
-    late, which are recorded. At the end of an episode nothing is due, so the learner is waited for.
+    During an episode the learner works beside the loop, and takes up its messages in order. Nothing is shared
+    with it but messages: the decisions of the loop depend on the clock only through the plans that were
+    late, which are recorded. At the end of an episode nothing is due, so the loop waits for the learner.
 
     Args:
-        parts: fresh ones.
-        adapts: whether the policy is adapted before it is carried out.
+        components: made for this loop alone.
     """
 
-    def __init__(self, parts: Parts, *, adapts: bool = True) -> None:
-        self._parts = parts
+    def __init__(self, components: Components) -> None:
+        self._monitor = components.monitor
+        self._analyzer = components.analyzer
+        self._shield = components.shield
+        self._learner = components.learner
+        self._planner = components.planner
+        self._executor = components.executor
+        self._punctual = components.punctual
+        self._extender = components.extender
         self._episode = -1
         self._phase: Phase = "adapting"
         self._mask: Bools | None = None
         self._restrict()
         self._expect()
         self._wait()
-        if not adapts:
+        if not components.adapts:
             self._settle()
 
     @property
     def table(self) -> Floats:
         """float64 [S, A] or [T, S, A], the policy that would act if learning stopped now."""
-        return self._parts.planner.table
+        return self._planner.table
 
     def episode(self) -> EpisodeLog:
-        """One episode, whatever the system does."""
+        """Control one episode, whatever the system does."""
         begun = time.monotonic()
         self._episode += 1
         phase = self._phase
@@ -69,13 +109,13 @@ class Loop:
         self._decisions: list[Decision] = []
         self._problems: list[Problem] = []
         self._model: TabularMDP | None = None
-        self._extension: Extension | None = None
-        parts = self._parts
-        parts.learner.begin()
-        monitored, analysis = self._take_in(parts.executor.reset())
+        self._extension: BaseExtension | None = None
+        self._learner.begin_episode()
+        self._shield.begin()
+        monitored, analysis = self._take_in(self._executor.reset())
         while not monitored.last:
-            monitored, analysis = self._take_in(parts.executor.execute(self._plan(monitored, analysis)))
-        policy = self._learn(monitored)
+            monitored, analysis = self._take_in(self._act(monitored, analysis))
+        policy = self._end_episode(monitored)
         return EpisodeLog(
             episode=self._episode,
             phase=phase,
@@ -89,87 +129,85 @@ class Loop:
         )
 
     def _take_in(self, execution: Execution) -> tuple[Monitored, Analysis]:
-        """Monitor and analyse what has come back."""
+        """Monitor and analyse the answer of the system; shield and learner follow."""
         self._executions.append(execution)
-        parts = self._parts
-        monitored = (
-            parts.monitor.begin(execution) if execution.action is None else parts.monitor.observe(execution)
-        )
+        monitored = self._monitor.receive(execution)
         self._problems += [Problem(monitored.step, message) for message in monitored.problems]
-        parts.executor.observe(monitored)
-        analysis = parts.analyzer.analyse(monitored)
+        analysis = self._analyzer.analyse(monitored)
+        self._shield.follow(monitored.news, None if monitored.problems else monitored.enabled)
         if analysis.replan:
             self._decide(monitored, "replan", analysis.reasons)
-            parts.executor.forget(monitored)
+            self._shield.forget(monitored.news[-1].observation if monitored.news else None)
             self._replan()
         self._restrict()
         self._phase = analysis.phase
         if analysis.phase == "adapting":
-            parts.punctual.later(lambda: parts.learner.observe(monitored))
+            self._punctual.later(lambda: self._learner.learn_from(monitored))
         return monitored, analysis
 
+    def _act(self, monitored: Monitored, analysis: Analysis) -> Execution:
+        """Plan an action that the shield allows, and execute it."""
+        allowed = self._shield.allowed(monitored.enabled)
+        plan = self._planner.plan(monitored, analysis, allowed)
+        if plan.source == "fallback":
+            self._decide(monitored, "fallback", (plan.reason,))
+        execution = self._executor.execute(plan)
+        taken = plan.action if execution.action is None else execution.action
+        self._shield.took(taken, surely=execution.observation is not None)
+        return execution
+
     def _replan(self) -> None:
-        self._parts.punctual.later(self._parts.learner.replan)
+        self._punctual.later(self._learner.replan)
         self._mask = None
         self._restrict()
         self._expect()
 
     def _restrict(self) -> None:
-        """The learner plans within what the shield could allow."""
-        mask = self._parts.executor.mask()
+        """Let the learner plan within what the shield could allow."""
+        mask = self._shield.mask
         if mask is not None and (self._mask is None or not np.array_equal(mask, self._mask)):
             self._mask = mask
-            self._parts.punctual.later(lambda: self._parts.learner.restrict(mask))
+            self._punctual.later(lambda: self._learner.restrict(mask))
 
     def _expect(self) -> None:
-        """Once it is made the policy is that of the learner, as the shield lets it be carried out."""
-        executor = self._parts.executor
-        made = self._parts.punctual.later(self._parts.learner.policy)
-        self._parts.planner.expect(lambda: executor.carried_out(made.result().table))
+        """Let the planner carry out the policy of the learner within the shield, once it is made."""
+        made = self._punctual.later(self._learner.policy)
+        self._planner.expect(lambda: self._shield.masked(made.result().table))
 
     def _wait(self) -> None:
-        self._parts.punctual.finish()
-        self._parts.planner.catch_up()
+        self._punctual.finish()
+        self._planner.catch_up()
 
-    def _plan(self, monitored: Monitored, analysis: Analysis) -> Plan:
-        parts = self._parts
-        plan = parts.planner.plan(monitored, analysis, parts.executor.allowed(monitored))
-        if plan.source == "fallback":
-            self._decide(monitored, "fallback", (plan.reason,))
-        return plan
-
-    def _learn(self, monitored: Monitored) -> AdaptedPolicy | None:
-        """The episode is over."""
-        parts = self._parts
+    def _end_episode(self, monitored: Monitored) -> AdaptedPolicy | None:
+        """Wait for the learner, and carry out its policy if it was updated."""
         self._wait()
         if self._phase == "executing":
             return None
-        policy = parts.learner.end()
+        policy = self._learner.end_episode()
         if policy is None:
             return None
         self._decide(monitored, "update", policy.reasons)
-        parts.planner.adopt(parts.executor.carried_out(policy.table))
-        if parts.analyzer.enough(policy):
-            self._decide(monitored, "settled", parts.analyzer.explain())
+        self._planner.adopt(self._shield.masked(policy.table))
+        if self._analyzer.enough(policy):
+            self._decide(monitored, "settled", self._analyzer.explain())
             self._settle()
             self._extend(monitored)
         return policy
 
     def _extend(self, monitored: Monitored) -> None:
-        """Learn offline again, if the domain is none of the base."""
-        parts = self._parts
-        if parts.extender is None or self._model is None:
+        """Learn offline again, if the domain is outside the base."""
+        if self._extender is None or self._model is None:
             return
-        self._extension = parts.extender.extend(self._episode, parts.analyzer.belief, self._model)
+        self._extension = self._extender.extend(self._episode, self._analyzer.belief, self._model)
         if self._extension is not None:
-            parts.learner.relearned(self._extension.make)
-            parts.analyzer.remember(self._extension.hypotheses)
+            self._learner.relearned(self._extension.make)
+            self._analyzer.adopt_prior(self._extension.hypotheses)
             self._decide(monitored, "extended", self._extension.reasons)
 
     def _settle(self) -> None:
         self._phase = "executing"
-        self._parts.analyzer.settle(self.table)
-        self._model = self._parts.analyzer.tabular()
+        self._analyzer.settle(self.table)
+        self._model = self._analyzer.tabular()
 
     def _decide(self, monitored: Monitored, kind: Kind, reasons: tuple[str, ...]) -> None:
         self._decisions.append(Decision(monitored.step, kind, reasons))

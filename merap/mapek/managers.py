@@ -1,13 +1,13 @@
-"""Who manages the system: the loop as it is meant, and simpler managers to compare it with.
+"""Managers of a system: the whole loop, and simpler ones to compare it with.
 
-The four others are those that the community of self-adaptive systems compares against.
+The four simpler ones are those that the community of self-adaptive systems compares against.
 
 Axes: S states, A declared actions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,20 @@ import numpy as np
 from merap.concerns.names import suggestion
 from merap.errors import InputError
 from merap.mapek.learner import StrategyMaker
+from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import StrategySpec
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.strategies.fixed import FixedStrategy, optimal_policy
-from merap.strategies.registry import GRADIENT, StrategyContext, make_strategy
+from merap.strategies.registry import (
+    GRADIENT,
+    ORACLE,
+    PRETRAINED,
+    StrategyContext,
+    episodes_per_update,
+    make_strategy,
+    parse_strategy,
+)
 from merap.systems.interface import Observation
 from merap.systems.strategy import Strategy
 
@@ -30,10 +39,10 @@ CONTENT = 0.5
 
 @dataclass(frozen=True)
 class Manager:
-    """What a loop is made with.
+    """The strategy of a loop, and how it adapts.
 
     Attributes:
-        make: a strategy as it is before any episode.
+        make: makes a strategy before any episode.
         updates: policy updates of an adaptation; None: it never ends.
         replans: whether the trigger is heeded.
     """
@@ -44,7 +53,7 @@ class Manager:
 
 
 class RandomStrategy:
-    """Takes any action that is allowed; see `strategy.Strategy`.
+    """Takes any action that is allowed; see `systems.strategy.Strategy`.
 
     Args:
         shape: S and A.
@@ -58,32 +67,32 @@ class RandomStrategy:
         self._generator = generator
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins or goes on."""
+        """Begin an episode, or go on with it."""
 
     def act(self, allowed: Bools) -> int:
-        """Any of the allowed actions."""
+        """Return any of the allowed actions."""
         return int(self._generator.choice(np.flatnonzero(allowed)))
 
     def observe(self, action: int, observation: Observation) -> None:
-        """Nothing is learned."""
+        """Learn nothing."""
 
     def update(self) -> None:
-        """Nothing changes."""
+        """Change nothing."""
 
     def policy(self) -> Floats:
         """float64 [S, A], uniform."""
         return np.full(self._shape, 1 / self._shape[1])
 
     def explain(self) -> tuple[str, ...]:
-        """Why this policy."""
+        """Return the reason for this policy."""
         return ("any action",)
 
 
 class ReactiveStrategy:
-    """Goes on to the next model's best policy when an episode went badly; see `strategy.Strategy`.
+    """Goes on to the next model's best policy when an episode went badly; see `systems.strategy.Strategy`.
 
-    Badly means: it returned less than half of the way from the worst to the best that the model
-    it takes to be in force lets expect.
+    An episode went badly if it returned less than half of the way from the worst to the best return of
+    the model that is tried.
 
     Args:
         names: of the models.
@@ -113,31 +122,31 @@ class ReactiveStrategy:
         self._fixed = FixedStrategy(policy, model.valuations, self._generator, self._names[self._taken])
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins or goes on."""
+        """Begin an episode, or go on with it."""
         if not resumed:
             self._total = 0.0
         self._fixed.begin(observation, time)
 
     def act(self, allowed: Bools) -> int:
-        """The action of the policy that is tried."""
+        """Return an action of the policy that is tried."""
         return self._fixed.act(allowed)
 
     def observe(self, action: int, observation: Observation) -> None:
-        """What a step has led to."""
+        """Add the reward of a step."""
         self._total += observation.reward
         self._fixed.observe(action, observation)
 
     def update(self) -> None:
-        """React to the episode."""
+        """Try the next policy if the episode went badly."""
         if self._total < self._content:
             self._take(self._taken + 1)
 
     def policy(self) -> Floats:
-        """The policy that is tried."""
+        """Return the policy that is tried."""
         return self._fixed.policy()
 
     def explain(self) -> tuple[str, ...]:
-        """Which one it is."""
+        """Return the name of the model that is tried."""
         return (
             f"the best policy for {self._names[self._taken]}; "
             f"another is tried after a return below {self._content:.3g}",
@@ -172,8 +181,7 @@ def _reactive(spec: StrategySpec, context: StrategyContext) -> Manager:
     return Manager(make, None, False)
 
 
-# `none` carries out the meta policy as it was trained; `static` adapts to what it meets first, and
-# never again.
+# `none` carries out the meta policy as it was trained; `static` adapts to the first system, and never again.
 _MANAGERS: Mapping[str, Callable[[StrategySpec, StrategyContext], Manager]] = {
     MERAP: _merap,
     "none": _none,
@@ -185,7 +193,7 @@ MANAGERS: tuple[str, ...] = tuple(_MANAGERS)
 
 
 def make_manager(name: str, spec: StrategySpec, context: StrategyContext) -> Manager:
-    """A manager by its name.
+    """Return a manager by its name.
 
     Args:
         name: one of `MANAGERS`.
@@ -198,3 +206,33 @@ def make_manager(name: str, spec: StrategySpec, context: StrategyContext) -> Man
     if name not in _MANAGERS:
         raise InputError(f"there is no manager {name!r}{suggestion(name, _MANAGERS)}")
     return _MANAGERS[name](spec, context)
+
+
+def require_strategy(scenario: Scenario, combinations: Container[str]) -> None:
+    """Refuse a strategy that a loop can't have, before anything is learned or simulated.
+
+    Args:
+        scenario: names the strategy.
+        combinations: of the run's base.
+
+    Raises:
+        InputError: there is no such strategy, it is none for a loop, or there are too few episodes for one
+            policy update; names the place in the scenario.
+    """
+    spec = scenario.spec.strategy
+    with scenario.document.at("strategy", "name"):
+        kind, argument = parse_strategy(spec.name)
+        if kind == ORACLE:
+            raise InputError(
+                "'oracle' needs the true model, which no loop is told, not even of a simulated system; "
+                "the report has its value as the optimum"
+            )
+        if kind == PRETRAINED and argument not in combinations:
+            raise InputError(f"the base has no combination {argument!r} to play the policy of")
+        needed = episodes_per_update(spec.name, spec.episodes_per_step)
+    if needed > scenario.spec.episodes:
+        raise scenario.document.error(
+            ("strategy", "episodes_per_step"),
+            f"a policy update of {kind!r} takes {needed} episodes, but the scenario has "
+            f"{scenario.spec.episodes}; give fewer episodes_per_step, or more episodes",
+        )

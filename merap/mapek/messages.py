@@ -1,4 +1,4 @@
-"""What the parts of the loop tell each other.
+"""The messages between the components of the loop.
 
     Execution -> Monitored -> Analysis -> Plan -> Execution -> ..., and AdaptedPolicy after each update
 
@@ -12,22 +12,23 @@ from typing import Literal
 
 from merap.mdp.model import Bools, Floats
 from merap.systems.interface import Observation
+from merap.systems.sightings import News
 
-# Adapting: the learner changes the policy and explores. Executing: the policy is carried out as it is.
+# Adapting: the learner explores and changes the policy. Executing: the policy is carried out unchanged.
 Phase = Literal["adapting", "executing"]
-# Who chose an action: the learner that explores, the policy it has made, the same policy where the
-# state is not seen but predicted, or nobody, in time.
+# Who chose an action: the exploring learner, its policy in the state that is seen, its policy in the states
+# where the system may be, or nobody in time.
 Source = Literal["exploration", "policy", "prediction", "fallback"]
 
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """The executor to the monitor: what has been done to the system, and what it answered.
+    """From the executor to the monitor: an action and the answer of the system.
 
     Attributes:
-        action: that was taken; None: the system was reset.
+        action: the action that was taken; None: the system was reset.
         observation: the answer; None: there is none.
-        fault: why there is none, in one line.
+        fault: why there is no answer, in one line.
         over: nothing more can be done in this episode.
     """
 
@@ -38,47 +39,13 @@ class Execution:
 
 
 @dataclass(frozen=True, eq=False)
-class Transition:
-    """A step that was seen whole.
-
-    Attributes:
-        time: so many steps of the episode were over when it began.
-        state: where it began.
-        action: what was done.
-        target: where it led, S - 1 if the task ended.
-        observation: of its end.
-    """
-
-    time: int
-    state: int
-    action: int
-    target: int
-    observation: Observation
-
-
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """A state that was seen, while how the system came there was not.
-
-    Attributes:
-        state: the state.
-        observation: of it.
-        time: so many steps of the episode were over.
-    """
-
-    state: int
-    observation: Observation
-    time: int
-
-
-@dataclass(frozen=True, eq=False)
 class Monitored:
-    """The monitor to analyzer and learner: what is known after a step.
+    """From the monitor to analyzer, shield, learner and planner: what is known after a step.
 
     Attributes:
         episode: counted from 0.
-        step: so many steps of it are over.
-        news: what has arrived with this step, in order; nothing, where observations are late or lost.
+        step: number of steps of the episode so far.
+        news: what has arrived with this step, in order; empty where observations are late or lost.
         enabled: bool [A], the actions that are possible now.
         state: where the system is now; None: not known.
         seen: the last state that was seen; None: none in this episode.
@@ -89,7 +56,7 @@ class Monitored:
 
     episode: int
     step: int
-    news: tuple[Transition | Sighting, ...]
+    news: tuple[News, ...]
     enabled: Bools
     state: int | None
     seen: int | None
@@ -100,10 +67,10 @@ class Monitored:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The analyzer to planner and learner: what it means.
+    """From the analyzer to shield, learner and planner: the phase, and whether to adapt again.
 
     Attributes:
-        phase: which it is.
+        phase: the phase after this step.
         whereabouts: float64 [S], the probability of each state now, by the analyzer's model.
         replan: the policy is to be adapted again.
         reasons: why, in plain lines.
@@ -117,12 +84,12 @@ class Analysis:
 
 @dataclass(frozen=True)
 class Plan:
-    """The planner to the executor: what to do next.
+    """From the planner to the executor: the next action.
 
     Attributes:
         action: its number.
         source: who chose it.
-        reason: of a fallback, in one line.
+        reason: why the planner fell back, in one line.
     """
 
     action: int
@@ -132,12 +99,12 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class AdaptedPolicy:
-    """The learner to planner and knowledge base: the policy after an update.
+    """From the learner to planner and knowledge base: the policy after an update.
 
     Attributes:
-        update: of this adaptation; 0: before the first one.
+        update: number of updates of this adaptation; 0: before the first one.
         table: float64 [S, A] or [T, S, A].
-        reasons: what the learner concluded, in plain lines.
+        reasons: the conclusions of the learner, in plain lines.
     """
 
     update: int

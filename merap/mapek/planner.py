@@ -1,4 +1,4 @@
-"""The planner: the next action, from the learner's exploration or the policy it has made.
+"""The planner: chooses the next action, by the learner that explores or by the policy it has made.
 
 Axes: T steps, S states, A declared actions.
 """
@@ -22,9 +22,9 @@ Late = Mapping[tuple[int, int], Lateness]
 class Planner:
     """Plans one action at a time.
 
-    While the policy is adapted and the state is seen, the learner acts, for it explores. Otherwise
-    the policy is carried out: in the state that is seen, or averaged over those where the system
-    may be. A plan that is late is replaced by the fallback action.
+    While the policy is adapted and the state is seen, the learner chooses the action, since it explores.
+    Otherwise the policy is carried out: in the state that is seen, or averaged over those where the system
+    may be. The fallback action replaces a plan that is late.
 
     The learner works beside the loop. A policy that it is still making is carried out from the first
     plan on that finds it made, and any plan until then is late.
@@ -33,10 +33,10 @@ class Planner:
         table: float64 [S, A] or [T, S, A], the policy that is carried out.
 
     Args:
-        learner: whose policy it is.
+        learner: makes the policy.
         fallback: number of the action that is always safe; None: the first that is allowed.
-        punctual: keeps the deadline, and has been handed all that the learner was told.
-        generator: of actions drawn from the policy.
+        punctual: keeps the deadline, and runs the learner.
+        generator: draws actions from the policy.
         late: plans that were late when they were recorded.
     """
 
@@ -61,16 +61,16 @@ class Planner:
         self.table, self._expected = table, None
 
     def expect(self, made: Callable[[], Floats]) -> None:
-        """Carry out a policy as soon as the learner has done all that it was told before."""
+        """Carry out a policy as soon as the learner has finished its earlier work."""
         self._expected = made
 
     def catch_up(self) -> None:
-        """The learner has done all that it was told."""
+        """Adopt the expected policy, since the learner has finished its earlier work."""
         if self._expected is not None:
             self.adopt(self._expected())
 
     def plan(self, monitored: Monitored, analysis: Analysis, allowed: Bools) -> Plan:
-        """The next action, one of those allowed (bool [A], not empty)."""
+        """Return the next action, one of those allowed (bool [A], not empty)."""
         if monitored.problems:
             return self._fall_back(allowed, monitored.problems[-1])
         action: int | Lateness | None = None
@@ -86,7 +86,7 @@ class Planner:
         return self._by_policy(monitored, analysis, allowed)
 
     def _asked(self, monitored: Monitored, work: Callable[[], int | None]) -> int | Lateness | None:
-        """What the learner says in time, after all that it was told before."""
+        """Return the answer of the learner, after its earlier work; a lateness if it is not in time."""
         recorded = self._late.get((monitored.episode, monitored.step))
         if recorded is Lateness.BUSY:
             return recorded
@@ -96,7 +96,7 @@ class Planner:
         return answer if recorded is None else recorded
 
     def _fall_back(self, allowed: Bools, reason: str) -> Plan:
-        """The fallback action, or the first that is allowed where it isn't."""
+        """Return the fallback action, or the first allowed one where it is not allowed."""
         if self._fallback is not None and allowed[self._fallback]:
             return Plan(self._fallback, "fallback", reason)
         return Plan(int(np.flatnonzero(allowed)[0]), "fallback", reason)
@@ -113,4 +113,4 @@ class Planner:
 
 
 def _nothing() -> None:
-    """To ask for nothing but that what was told before is done."""
+    """Ask the learner for nothing but to finish its earlier work."""

@@ -1,4 +1,4 @@
-"""A system whose first episodes are recorded: so a loop comes back to where it was."""
+"""A system whose first episodes are recorded, so that a resumed loop repeats them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from merap.errors import MerapError
 from merap.knowledge.rows import ObservationRow
-from merap.mapek.run_store import Recorded
+from merap.mapek.run_store import RecordedEpisode
 from merap.systems.interface import ManagedSystem, Observation
 
 
@@ -16,11 +16,11 @@ class RecordedSystem:
     """Answers from records, whatever is done; after them the live system goes on.
 
     Args:
-        episodes: that are recorded.
+        episodes: the recorded ones.
         live: the system itself.
     """
 
-    def __init__(self, episodes: Sequence[Recorded], live: ManagedSystem) -> None:
+    def __init__(self, episodes: Sequence[RecordedEpisode], live: ManagedSystem) -> None:
         self._episodes = episodes
         self._live = live
         self._episode = -1

@@ -1,4 +1,4 @@
-"""What an episode of the loop leaves behind, for knowledge base and report.
+"""Records of an episode of the loop, for knowledge base and report.
 
 Axes: A declared actions.
 """
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from merap.mapek.base_extension import Extension
+from merap.mapek.base_extension import BaseExtension
 from merap.mapek.messages import AdaptedPolicy, Execution, Phase
 from merap.mdp.model import TabularMDP
 
@@ -18,11 +18,11 @@ Kind = Literal["replan", "update", "settled", "extended", "fallback"]
 
 @dataclass(frozen=True)
 class Decision:
-    """Something that the loop has decided.
+    """A decision of the loop.
 
     Attributes:
-        step: so many steps of the episode were over.
-        kind: what.
+        step: number of steps of the episode before it.
+        kind: of the decision.
         reasons: why, in plain lines.
     """
 
@@ -33,10 +33,10 @@ class Decision:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that went wrong outside the loop.
+    """A fault outside the loop.
 
     Attributes:
-        step: so many steps of the episode were over.
+        step: number of steps of the episode before it.
         message: in one line.
     """
 
@@ -46,7 +46,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeLog:
-    """An episode as the loop has seen it.
+    """An episode as the loop saw it.
 
     Attributes:
         episode: counted from 0.
@@ -55,8 +55,8 @@ class EpisodeLog:
         decisions: in order.
         problems: in order.
         policy: after the episode, if it was updated.
-        model: the analyzer's, if adaptation ended with the episode.
-        extension: of the base, if that model was none of it.
+        model: of the analyzer, if adaptation ended with the episode.
+        extension: of the base, if the model was outside it.
         seconds: of wall time.
     """
 
@@ -67,20 +67,20 @@ class EpisodeLog:
     problems: tuple[Problem, ...]
     policy: AdaptedPolicy | None
     model: TabularMDP | None = field(repr=False)
-    extension: Extension | None
+    extension: BaseExtension | None
     seconds: float
 
     def count(self, kind: Kind) -> int:
-        """How many decisions of a kind there are."""
+        """Return the number of decisions of a kind."""
         return sum(decision.kind == kind for decision in self.decisions)
 
 
 @dataclass(frozen=True)
 class EpisodeRow:
-    """An episode as the report shows it; what is really there comes from the scenario.
+    """An episode as the report shows it, scored by the ground truth of the scenario.
 
-    Where an episode begins where the last one ended, values are those of an episode from there.
-    Of a system that is not simulated nobody knows what is there: optima, `expected`, `entered` and `unsafe`
+    If an episode begins where the last one ended, its values are those of an episode from there.
+    A system that is not simulated has no known ground truth: optima, `expected`, `entered` and `unsafe`
     are None, and returns are as they were received.
 
     Attributes:
@@ -90,19 +90,19 @@ class EpisodeRow:
         steps: taken.
         earned: undiscounted return, without noise.
         discounted: discounted return, without noise.
-        optimum: of the model in force: expected undiscounted return of the best policy.
-        discounted_optimum: likewise, discounted.
-        expected: what the policy that would act if learning stopped now is worth on that model.
-        entered: what the policy before the episode is worth on it; None: the model was the same.
+        optimum: expected undiscounted return of the best policy on the model in force.
+        discounted_optimum: the same, discounted.
+        expected: value on that model of the policy that would act if learning stopped now.
+        entered: value on it of the policy before the episode; None: the model was the same.
         unsafe: steps that led into an unsafe state.
         completed: the task was completed.
-        replans: how often adaptation began anew.
+        replans: number of times that adaptation began anew.
         updates: of the policy.
         fallbacks: actions in place of plans that were late or could not be made.
         problems: faults of the system that no retry has mended, and observations that make no sense.
         safe_optimum: as `optimum`, of the best policy within the shield's threshold; None: there is no
             shield.
-        faults: kind -> how many calls to the system failed, those that a retry has mended among them.
+        faults: kind -> number of failed calls to the system, those that a retry has mended included.
     """
 
     episode: int
@@ -126,5 +126,5 @@ class EpisodeRow:
 
     @property
     def possible(self) -> float | None:
-        """The optimum that the loop is held to."""
+        """The optimum within the shield's threshold if there is a shield, else the optimum."""
         return self.optimum if self.safe_optimum is None else self.safe_optimum

@@ -1,8 +1,9 @@
-"""A recorded run once more: the same observations, and whether the loop decides as it did then."""
+"""Replay a recorded run: feed the loop with the same observations, and compare its decisions."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from typing import Any
 
 from merap.concerns.document import Document
@@ -13,9 +14,9 @@ from merap.knowledge.replay import Difference, differences
 from merap.knowledge.rows import DecisionRow, RunRow
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
-from merap.mapek.components import build
+from merap.mapek.components import make_components
 from merap.mapek.loop import Loop
-from merap.mapek.run_store import recall
+from merap.mapek.run_store import read_history
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import ScenarioSpec
 
@@ -25,12 +26,12 @@ DERIVED = ("replan", "update", "settled", "extended", ACTION)
 
 
 def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tuple[Difference, ...]:
-    """Where the loop, fed with the recorded observations, does or decides otherwise than was recorded.
+    """Return where the loop, fed with the recorded observations, acts or decides otherwise than recorded.
 
     Args:
         run: the training run that the loop ran with.
-        knowledge: where the loop has recorded.
-        number: of its run there.
+        knowledge: the base that has the record.
+        number: of the run of the loop there.
 
     Raises:
         InputError: the recorded run is not one of a loop, or was made with another case.
@@ -49,12 +50,12 @@ def _derived(run: RunFolder, knowledge: KnowledgeBase, number: int) -> Iterator[
     if row.digest != run.case.digest:
         raise InputError(f"run {number} was made with another case than {run.path}", source=knowledge.place)
     scenario, manager = _begun_with(row, knowledge.place)
-    past = recall(knowledge, number)
-    built = build(run, scenario, manager, past)
-    built.parts.punctual.patient = True
-    with one_thread(), built:
-        loop = Loop(built.parts, adapts=built.adapts)
-        for _ in past.episodes:
+    history = read_history(knowledge, number)
+    components = make_components(run, scenario, manager, history)
+    components.punctual.patient = True
+    with one_thread(), closing(components):
+        loop = Loop(components)
+        for _ in history.episodes:
             log = loop.episode()
             for decision in log.decisions:
                 yield DecisionRow(log.episode, decision.step, decision.kind, decision.reasons)
@@ -63,7 +64,7 @@ def _derived(run: RunFolder, knowledge: KnowledgeBase, number: int) -> Iterator[
 
 
 def _begun_with(row: RunRow, place: str) -> tuple[Scenario, str]:
-    """The scenario and the manager of a run, from its settings."""
+    """Return the scenario and the manager of a run, from its settings."""
     try:
         data, manager = _as_read(row.settings["scenario"]), str(row.settings["manager"])
     except (KeyError, TypeError) as error:
@@ -73,7 +74,7 @@ def _begun_with(row: RunRow, place: str) -> tuple[Scenario, str]:
 
 
 def _as_read(value: Any) -> Any:
-    """JSON as the reader of scenario files has it: sequences are tuples."""
+    """Return JSON as the reader of scenario files has it: sequences are tuples."""
     if isinstance(value, Mapping):
         return {key: _as_read(entry) for key, entry in value.items()}
     return tuple(map(_as_read, value)) if isinstance(value, list) else value

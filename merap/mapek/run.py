@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 from merap.errors import InputError
@@ -11,18 +12,19 @@ from merap.knowledge.event_log import JsonLines
 from merap.learning.checkpoint import POLICY_FILE
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
-from merap.mapek.components import Built, Guard, build, unguarded
+from merap.mapek.components import Guard, make_components, unguarded
 from merap.mapek.connecting import connected
-from merap.mapek.loop import Loop
+from merap.mapek.instrumented import InstrumentedSystem
+from merap.mapek.loop import Components, Loop
 from merap.mapek.managers import MERAP
 from merap.mapek.records import EpisodeLog, EpisodeRow
-from merap.mapek.run_store import NOTHING, Memory, Past, Recorded, recall
+from merap.mapek.run_store import NO_HISTORY, History, RecordedEpisode, RunStore, read_history
 from merap.mapek.scenario import Scenario
 from merap.mapek.scores import LoopReport, reactions
 from merap.systems.faults import SystemFault
 
 OnEpisode = Callable[[EpisodeRow], None]
-# A run ends when so many episodes in a row could not even begin.
+# Number of episodes in a row that could not even begin, after which a run ends.
 GONE = 3
 
 
@@ -43,14 +45,14 @@ def run_loop(
 
     Args:
         run: a finished training run.
-        scenario: what is met, and what changes when.
+        scenario: the system, and its changes.
         manager: one of `managers.MANAGERS`.
-        knowledge: where the run is recorded; None: nowhere.
-        lines: where the log of a run that is recorded is written too.
+        knowledge: the base in which the run is recorded; None: it is not recorded.
+        lines: file to which the log of a recorded run is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
-        guard: what stands between the loop and the system, as `managed.guarded.GuardedSystem`, which is
-            closed after the run.
+        guard: stands between the loop and the system, as `systems.retrying.GuardedSystem`, which is closed
+            after the run.
         on_episode: called after each episode, those that were recorded before included.
 
     Raises:
@@ -58,43 +60,48 @@ def run_loop(
             to go on with.
         SystemFault: the system can't be reached, before any episode.
     """
-    number, past = None, NOTHING
+    number, history = None, NO_HISTORY
     if resume:
         if knowledge is None:
             raise InputError("there is no knowledge base to go on from")
         number = _last_run(run, scenario, manager, knowledge)
-        past = recall(knowledge, number)
-    with connected(scenario, run.case, len(past.episodes)) as live:
-        built = build(run, scenario, manager, past, guard, live)
-        memory = None
+        history = read_history(knowledge, number)
+    with connected(scenario, run.case, len(history.episodes)) as live:
+        components = make_components(run, scenario, manager, history, guard, live)
+        store = None
         if knowledge is not None:
             number = _begun(run, scenario, manager, knowledge) if number is None else number
-            memory = Memory(knowledge, number, lines)
-        rows, seconds, ended_by = _rows(built, scenario.spec.episodes, past, memory, on_episode)
+            store = RunStore(knowledge, number, lines)
+        rows, seconds, ended_by = _rows(components, scenario.spec.episodes, history, store, on_episode)
+    shielded = components.shield.report()
     report = LoopReport(
         scenario=scenario.spec.scenario,
         manager=manager,
         case=run.case.name,
         seed=scenario.spec.seed,
         rows=rows,
-        reactions=reactions(rows, built.system.stages),
-        shield=None if built.shield is None else built.shield.as_dict(),
+        reactions=reactions(rows, components.system.stages),
+        shield=None if shielded is None else shielded.as_dict(),
         seconds=seconds,
         ended_by=ended_by,
     )
-    if memory is not None:
-        memory.end(report)
+    if store is not None:
+        store.end(report)
     return report
 
 
 def _rows(
-    built: Built, episodes: int, past: Past, memory: Memory | None, on_episode: OnEpisode
+    components: Components,
+    episodes: int,
+    history: History,
+    store: RunStore | None,
+    on_episode: OnEpisode,
 ) -> tuple[tuple[EpisodeRow, ...], tuple[float, ...], SystemFault | None]:
-    """All episodes, their seconds of wall time, and why there are no more of them."""
+    """Return all episodes, their seconds of wall time, and the fault that ended them."""
     rows, seconds = [], []
     try:
-        with one_thread(), built:
-            for row, taken in _course(built, episodes, past, memory):
+        with one_thread(), closing(components):
+            for row, taken in _course(components, episodes, history, store):
                 rows.append(row)
                 seconds.append(taken)
                 on_episode(row)
@@ -104,12 +111,12 @@ def _rows(
 
 
 def _named(scenario: Scenario, manager: str) -> tuple[str, dict[str, Any]]:
-    """Name and settings of a run in the knowledge base."""
+    """Return name and settings of a run in the knowledge base."""
     return f"{scenario.spec.scenario}.{manager}", {"scenario": scenario.settings(), "manager": manager}
 
 
 def _begun(run: RunFolder, scenario: Scenario, manager: str, knowledge: KnowledgeBase) -> int:
-    """A new run, with the meta policy that it begins with."""
+    """Begin a new run in the knowledge base, with its first meta policy; return its number."""
     name, settings = _named(scenario, manager)
     with knowledge.transaction():
         number = knowledge.start_run(name, run.case.name, run.case.digest, settings)
@@ -118,7 +125,7 @@ def _begun(run: RunFolder, scenario: Scenario, manager: str, knowledge: Knowledg
 
 
 def _last_run(run: RunFolder, scenario: Scenario, manager: str, knowledge: KnowledgeBase) -> int:
-    """The last run of this scenario and manager.
+    """Return the number of the last run of this scenario and manager.
 
     Raises:
         InputError: there is none, or it was begun with another case or other settings.
@@ -136,23 +143,23 @@ def _last_run(run: RunFolder, scenario: Scenario, manager: str, knowledge: Knowl
 
 
 def _course(
-    built: Built, episodes: int, past: Past, memory: Memory | None
+    components: Components, episodes: int, history: History, store: RunStore | None
 ) -> Iterator[tuple[EpisodeRow, float]]:
-    """Episode by episode: the row of the report, and its seconds of wall time."""
-    loop = Loop(built.parts, adapts=built.adapts)
-    built.parts.punctual.patient = True
-    for recorded in past.episodes:
+    """Yield the row of the report and the seconds of wall time of each episode."""
+    loop = Loop(components)
+    components.punctual.patient = True
+    for recorded in history.episodes:
         _require_same(loop.episode(), recorded)
         yield recorded.row, recorded.seconds
-    built.parts.punctual.patient = False
-    if past.system is not None:
-        built.system.restore(past.system)
+    components.punctual.patient = False
+    if history.system is not None:
+        components.system.restore(history.system)
     gone = 0
-    for number in range(len(past.episodes), episodes):
-        built.system.begin(number)
-        row, log = _episode(built, loop)
-        if memory is not None:
-            memory.commit(log, row, built.system.snapshot())
+    for number in range(len(history.episodes), episodes):
+        components.system.begin(number)
+        row, log = _episode(components.system, loop)
+        if store is not None:
+            store.commit(log, row, components.system.snapshot())
         yield row, log.seconds
         begun = log.executions[0]
         gone = gone + 1 if begun.observation is None else 0
@@ -161,8 +168,12 @@ def _course(
             raise SystemFault("gone", message, repeatable=False)
 
 
-def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
-    """Refuse to go on where the same observations don't lead to the same actions."""
+def _require_same(log: EpisodeLog, recorded: RecordedEpisode) -> None:
+    """Refuse to go on if the same observations don't lead to the same actions.
+
+    Raises:
+        InputError: they don't.
+    """
     taken = [execution.action for execution in log.executions]
     before = [row.action for row in recorded.observations]
     if taken != before:
@@ -176,8 +187,8 @@ def _require_same(log: EpisodeLog, recorded: Recorded) -> None:
         )
 
 
-def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
-    system = built.system
+def _episode(system: InstrumentedSystem, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
+    """Run one episode; return its row of the report and its log."""
     before, stage = loop.table, system.stage
     log = loop.episode()
     truth, tally = system.truth, system.tally
@@ -200,7 +211,7 @@ def _episode(built: Built, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
             updates=log.count("update"),
             fallbacks=log.count("fallback"),
             problems=len(log.problems),
-            safe_optimum=None if truth is None else truth.safe_optimum,
+            safe_optimum=None if truth is None or truth.safe_optimum is None else truth.safe_optimum.value,
             faults=tally.faults,
         ),
         log,

@@ -1,7 +1,7 @@
-"""Where a run of the loop is kept, episode by episode, and how it is taken up again.
+"""Persist a run of the loop episode by episode, and read it back to resume it.
 
-An episode is committed as a whole, after its end: what was killed amid an episode goes on with that
-episode anew, and all before it is there.
+An episode is committed as a whole, after its end: a run that was killed amid an episode begins that
+episode anew, and has all episodes before it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from merap.systems.deadline import Lateness
 
 EPISODE = "episode"
 FALLBACK = "fallback"
-# Decisions that are lines of the log, with who says them and how bad they are.
-_TOLD: Mapping[str, tuple[str, Level]] = {
+# Kinds of decisions that are logged, with the component and the level of the line.
+_LOGGED: Mapping[str, tuple[str, Level]] = {
     "replan": ("analyzer", "info"),
     "settled": ("analyzer", "info"),
     "extended": ("learner", "info"),
@@ -41,15 +41,15 @@ _TOLD: Mapping[str, tuple[str, Level]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedEpisode:
     """An episode of an earlier process.
 
     Attributes:
         row: of the report.
         seconds: of wall time.
         observations: after the reset and after every step.
-        late: step -> how its plan was late.
-        taken: step -> the action that the system took in place of the one it was asked for.
+        late: step -> the way in which its plan was late.
+        taken: step -> the action that the system took in place of the requested one.
     """
 
     row: EpisodeRow
@@ -60,24 +60,24 @@ class Recorded:
 
 
 @dataclass(frozen=True, eq=False)
-class Past:
-    """All that was committed.
+class History:
+    """The committed episodes of a run.
 
     Attributes:
         episodes: in order.
-        system: the simulated system's state after them; None: it has none that can be recorded.
+        system: state of the simulated system after them; None: it has none that can be recorded.
     """
 
-    episodes: tuple[Recorded, ...] = ()
+    episodes: tuple[RecordedEpisode, ...] = ()
     system: Mapping[str, Any] | None = None
 
 
-NOTHING = Past()
+NO_HISTORY = History()
 
 
 @dataclass(frozen=True, eq=False)
-class _Learned:
-    """A policy as it is kept, with the model that it was made for (`umb`), if there is one."""
+class _StoredPolicy:
+    """A policy as it is stored, with the model that it was made for (`umb`), if there is one."""
 
     kind: PolicyKind
     updates: int
@@ -86,13 +86,13 @@ class _Learned:
     umb: bytes | None = field(repr=False)
 
 
-class Memory:
-    """A run in a knowledge base.
+class RunStore:
+    """Stores a run in a knowledge base.
 
     Args:
         knowledge: open.
-        run: the run's number there.
-        lines: where the log is written too.
+        run: number of the run there.
+        lines: file to which the log is written too.
     """
 
     def __init__(self, knowledge: KnowledgeBase, run: int, lines: JsonLines | None = None) -> None:
@@ -102,10 +102,10 @@ class Memory:
         self._log = EventLog(lines, knowledge, run)
 
     def commit(self, log: EpisodeLog, row: EpisodeRow, system: Mapping[str, Any] | None) -> None:
-        """Keep an episode and the state of the system after it, if it has one, or nothing of it.
+        """Store an episode and the state of the system after it, if it has one, or nothing of it.
 
-        What takes long is done before the lock on the knowledge base is held, and the log is written after
-        it: the lines are of what is kept.
+        Everything that takes long is done before the lock on the knowledge base is held, and the log is
+        written after it, so that each line is about a stored episode.
         """
         knowledge, run = self._knowledge, self._run
         observations, decisions, events = observation_rows(log), _decisions(log, row), _events(log, row)
@@ -125,7 +125,7 @@ class Memory:
                 self._lines.write(event)
 
     def end(self, report: LoopReport) -> None:
-        """Keep the report, if there is none; a run that a fault has ended can be gone on with instead."""
+        """Store the report, if there is none; a run that was ended by a fault can be resumed instead."""
         if report.ended_by is not None:
             self._log.event("executor", "error", str(report.ended_by))
         elif self._knowledge.run(self._run).finished is None:
@@ -133,37 +133,37 @@ class Memory:
 
 
 def _decisions(log: EpisodeLog, row: EpisodeRow) -> list[DecisionRow]:
-    """What was decided in an episode, and its row of the report."""
+    """Return the decisions of an episode, and its row of the report."""
     made = [DecisionRow(log.episode, one.step, one.kind, one.reasons) for one in log.decisions]
     content = {"row": asdict(row), "seconds": log.seconds, "taken": _taken(log)}
     return [*made, DecisionRow(log.episode, row.steps, EPISODE, (), content)]
 
 
-def _learned(log: EpisodeLog) -> list[_Learned]:
-    """The policies that an episode has led to."""
+def _learned(log: EpisodeLog) -> list[_StoredPolicy]:
+    """Return the policies that an episode has led to."""
     made = []
     if log.policy is not None:
         umb = None if log.model is None else umb_bytes(log.model)
         tensors = save({"policy": np.ascontiguousarray(log.policy.table)})
-        made.append(_Learned("adapted", log.policy.update, tensors, f"analysis_{log.episode}", umb))
+        made.append(_StoredPolicy("adapted", log.policy.update, tensors, f"analysis_{log.episode}", umb))
     if log.extension is not None:
         added = log.extension
         tensors = policy_bytes(added.meta)
-        made.append(_Learned("meta", added.updates, tensors, added.name, umb_bytes(added.model)))
+        made.append(_StoredPolicy("meta", added.updates, tensors, added.name, umb_bytes(added.model)))
     return made
 
 
 def _events(log: EpisodeLog, row: EpisodeRow) -> list[EventRow]:
-    """The log: what went wrong, what was decided, how the episode ended."""
+    """Return the lines of the log: problems, decisions, and the end of the episode."""
 
     def event(component: str, level: Level, message: str, step: int) -> EventRow:
         return event_row(component, level, message, episode=log.episode, step=step)
 
     told = [event("executor", "warning", problem.message, problem.step) for problem in log.problems]
     for decision in log.decisions:
-        if decision.kind in _TOLD:
+        if decision.kind in _LOGGED:
             message = f"{decision.kind}: {'; '.join(decision.reasons)}"
-            told.append(event(*_TOLD[decision.kind], message, decision.step))
+            told.append(event(*_LOGGED[decision.kind], message, decision.step))
     if row.faults:
         faults = ", ".join(f"{count} {kind}" for kind, count in row.faults.items())
         told.append(event("executor", "warning", f"faults of the system: {faults}", row.steps))
@@ -173,7 +173,7 @@ def _events(log: EpisodeLog, row: EpisodeRow) -> list[EventRow]:
 
 
 def umb_bytes(model: TabularMDP) -> bytes:
-    """The UMB archive of a model."""
+    """Return the UMB archive of a model."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "model.umb"
         write_umb(restrict_to_reachable(model), path)
@@ -181,7 +181,7 @@ def umb_bytes(model: TabularMDP) -> bytes:
 
 
 def observation_rows(log: EpisodeLog) -> list[ObservationRow]:
-    """The observations of an episode; where there was none, a row says so."""
+    """Return the observations of an episode; where there was none, a row says so."""
     return [_observation_row(log.episode, step, execution) for step, execution in enumerate(log.executions)]
 
 
@@ -192,7 +192,7 @@ def _observation_row(episode: int, step: int, execution: Execution) -> Observati
 
 
 def _taken(log: EpisodeLog) -> dict[str, int]:
-    """Step -> the action that was taken in place of another one; keys as JSON has them."""
+    """Return step -> the action that was taken in place of another one; keys as JSON has them."""
     return {
         str(step): execution.observation.taken
         for step, execution in enumerate(log.executions)
@@ -200,15 +200,15 @@ def _taken(log: EpisodeLog) -> dict[str, int]:
     }
 
 
-def recall(knowledge: KnowledgeBase, run: int) -> Past:
-    """What was committed of a run.
+def read_history(knowledge: KnowledgeBase, run: int) -> History:
+    """Return the committed episodes of a run.
 
     Raises:
         InputError: it does not fit together, or two processes have gone on with it.
     """
     checkpoint = knowledge.latest_checkpoint(run)
     if checkpoint is None:
-        return NOTHING
+        return NO_HISTORY
     decisions = list(knowledge.decisions(run))
     try:
         system = json.loads(checkpoint.state)
@@ -234,5 +234,5 @@ def recall(knowledge: KnowledgeBase, run: int) -> Past:
         # a fallback after a fault follows from what was observed
         if one.kind == FALLBACK and one.reasons[0] in set(Lateness):
             late[one.episode][one.step] = Lateness(one.reasons[0])
-    episodes = map(Recorded, rows, seconds, map(tuple, observations), late, taken)
-    return Past(tuple(episodes), system)
+    episodes = map(RecordedEpisode, rows, seconds, map(tuple, observations), late, taken)
+    return History(tuple(episodes), system)

@@ -1,4 +1,4 @@
-"""A scenario: which system is met, and what changes when."""
+"""A scenario: a system, and its changes with their moments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from merap.mapek.scenario_schema import CONCERNS, ChangeSpec, LiveSpec, Scenario
 
 @dataclass(frozen=True, order=True)
 class Moment:
-    """After so many steps of an episode; both count from 0."""
+    """A moment: a number of steps of an episode; both count from 0."""
 
     episode: int
     step: int = 0
@@ -32,8 +32,8 @@ class Stage:
 
     Attributes:
         begins: the moment.
-        changed: the concerns that are not as in the stage before; none for the first.
-        system: what is there.
+        changed: the concerns that differ from the stage before; empty for the first.
+        system: the combination in force.
     """
 
     begins: Moment
@@ -47,18 +47,18 @@ class Scenario:
 
     Attributes:
         spec: its content.
-        document: where it stands.
+        document: the file, for messages.
     """
 
     spec: ScenarioSpec
     document: Document = field(repr=False)
 
     def settings(self) -> dict[str, Any]:
-        """All settings as JSON has them, defaults included."""
+        """Return all settings as JSON has them, defaults included."""
         return self.spec.model_dump(mode="json", warnings=False)
 
     def stages(self, case: CaseStudy) -> tuple[Stage, ...]:
-        """The systems that are in force, in order.
+        """Return the stages in order.
 
         Raises:
             InputError: the case has no such configuration, a system is impossible, or it is not simulated;
@@ -97,7 +97,7 @@ class Scenario:
             return case.read_system.placed(self.document, path)(f"stage_{number}", spec)
 
     def action(self, case: CaseStudy) -> int | None:
-        """The number of the fallback action; None if none is declared.
+        """Return the number of the fallback action; None if none is declared.
 
         Raises:
             InputError: the case has no such action.
@@ -121,7 +121,7 @@ def _known(case: CaseStudy, name: str) -> Combination:
 
 
 def _changes(change: ChangeSpec, before: Combination) -> dict[str, Any]:
-    """Concern -> a configuration's name, or values; a parameter that is not named keeps its value."""
+    """Return concern -> a configuration's name, or values; a parameter that is not named keeps its value."""
     given = {concern: getattr(change, concern) for concern in CONCERNS}
     return {
         concern: {**getattr(before, concern).parameters, **value} if isinstance(value, Mapping) else value
@@ -131,7 +131,7 @@ def _changes(change: ChangeSpec, before: Combination) -> dict[str, Any]:
 
 
 def _changed(before: Combination, after: Combination) -> tuple[str, ...]:
-    """The concerns whose parameters have other values."""
+    """Return the concerns whose parameters have other values."""
 
     def differs(concern: str) -> bool:
         return bool(getattr(before, concern).parameters != getattr(after, concern).parameters)

@@ -20,11 +20,11 @@ class MomentSpec(Spec):
     """A moment of the run: after `step` steps of an episode."""
 
     episode: int = Field(ge=0, lt=MAX_EPISODES, description="counted from 0")
-    step: int = Field(default=0, ge=0, lt=MAX_HORIZON, description="so many steps of it are over; 0: none")
+    step: int = Field(default=0, ge=0, lt=MAX_HORIZON, description="steps of it before the moment")
 
 
 class ChangeSpec(Spec):
-    """What is different from a moment on; what is not named stays as it was."""
+    """A change from a moment on; a concern that is not named stays as it was."""
 
     at: MomentSpec = Field(description="when")
     environment: Concern | None = Field(default=None, description="a configuration's name, or values")
@@ -39,7 +39,7 @@ class ChangeSpec(Spec):
 
 
 class NoiseSpec(Spec):
-    """What makes the system worse than its model."""
+    """Noise, which makes the system worse than its model."""
 
     reward: float = Field(
         default=0.0,
@@ -51,14 +51,14 @@ class NoiseSpec(Spec):
 
 
 class SensingSpec(Spec):
-    """How observations get to the monitor. What is enabled, and that an episode is over, always does."""
+    """The way of observations to the monitor; the enabled actions and the end of an episode always arrive."""
 
     delay: int = Field(default=0, ge=0, le=1000, description="steps until an observation arrives")
-    loss: float = Field(default=0.0, ge=0, lt=1, description="probability that an observation never does")
+    loss: float = Field(default=0.0, ge=0, lt=1, description="probability that an observation is lost")
 
 
 class StrategySpec(Spec):
-    """How the learner adapts."""
+    """The strategy of the learner."""
 
     name: str = Field(default="belief", description="as in `merap adapt --strategy`")
     episodes_per_step: int = Field(default=35, ge=1, description="real episodes of a gradient step")
@@ -68,22 +68,22 @@ class StrategySpec(Spec):
         description="policy updates of an adaptation, at least; then the policy is carried out as it is",
     )
     replan_from: Literal["meta", "adapted"] = Field(
-        default="meta", description="where re-planning starts: from the meta policy, or from the adapted one"
+        default="meta", description="start of a re-planning: the meta policy, or the adapted one"
     )
 
 
 class LearningSpec(Spec):
-    """Whether the learner learns offline again."""
+    """Extension of the base: the learner learns offline again."""
 
     extend: bool = Field(
         default=False,
-        description="where an adaptation ends outside the base, add what was met and train on",
+        description="add the model that an adaptation ends with if the base lacks it, and train further",
     )
     updates: int = Field(default=30, ge=1, le=10_000, description="outer updates after each addition")
 
 
 class ShieldSpec(Spec):
-    """Which actions are safe enough."""
+    """The shield, which leaves the actions that are safe enough."""
 
     threshold: float = Field(
         default=0.0, ge=0, le=1, description="probability of ever reaching an unsafe state that is accepted"
@@ -94,7 +94,7 @@ class ShieldSpec(Spec):
 
 
 class DeadlineSpec(Spec):
-    """What happens when the planner is late, or the system faults."""
+    """The deadline of a decision, and the action when the planner is late or the system faults."""
 
     seconds: float | None = Field(default=None, gt=0, description="for a decision; left out: no limit")
     fallback: Name | None = Field(
@@ -148,14 +148,14 @@ System = Annotated[
 
 
 class ScenarioSpec(Spec):
-    """What a loop meets: a system, and what changes when."""
+    """A scenario: a system, and its changes with their moments."""
 
     scenario: Name = Field(description="the name of the scenario")
     system: System = Field(
-        description="what is met first: a system of the case, or its configurations, to be simulated; "
-        "or one that is there: by url, or as a gymnasium environment"
+        description="the first system: a system of the case, or its configurations, to be simulated; "
+        "or one that is not simulated: by url, or as a gymnasium environment"
     )
-    episodes: int = Field(ge=1, le=MAX_EPISODES, description="how many")
+    episodes: int = Field(ge=1, le=MAX_EPISODES, description="number of episodes")
     seed: int = Field(default=0, ge=0, le=MAX_SEED, description="of everything random")
     changes: tuple[ChangeSpec, ...] = Field(default=(), description="in the order of their moments")
     noise: NoiseSpec = Field(default=NoiseSpec(), description="on rewards and actions")
@@ -171,12 +171,12 @@ class ScenarioSpec(Spec):
 
     @property
     def live(self) -> LiveSpec | None:
-        """The system, if it is not simulated."""
+        """The system, if it is not simulated; else None."""
         return self.system if isinstance(self.system, LiveSpec) else None
 
     @model_validator(mode="after")
     def _live_as_it_is(self) -> ScenarioSpec:
-        """What only a simulation can do is not asked of another system."""
+        """Refuse keys that only a simulation can follow, if the system is not simulated."""
         if self.live is None:
             return self
         for path, asked in (
@@ -203,7 +203,7 @@ class ScenarioSpec(Spec):
 
 
 def scenario_schema() -> dict[str, Any]:
-    """The JSON Schema of a scenario file (draft 2020-12)."""
+    """Return the JSON Schema of a scenario file (draft 2020-12)."""
     schema = ScenarioSpec.model_json_schema(mode="validation")
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

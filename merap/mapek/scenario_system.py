@@ -11,40 +11,48 @@ import numpy as np
 
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
-from merap.mapek.ground_truth import Truth
 from merap.mapek.instrumented import Tally
 from merap.mapek.scenario import Moment, Stage
 from merap.mapek.scenario_schema import NoiseSpec
+from merap.strategies.ground_truth import GroundTruth, ground_truth
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 
-# Places of which is remembered what is possible from there.
+# Number of places for which the ground truth of an episode that begins there is kept.
 LASTING = 64
 
 
 class ScenarioSystem:
-    """A simulated system whose true model is another at each stage; see `met.MetSystem`.
+    """A simulated system whose true model is another at each stage; see
+    `instrumented.InstrumentedSystem`.
 
     A change takes effect when its moment has come and the system is not where the change closes
     the way: until then it waits.
 
     Args:
-        truths: the stages.
+        stages: of the scenario, in order.
         noise: on rewards and actions.
         reset: how an episode begins; None: as the first system says.
         generator: of all draws.
+        threshold: of the shield, for the ground truth; None: there is no shield.
+
+    Raises:
+        InputError: a reachable state has no action; names it.
     """
 
     def __init__(
         self,
-        truths: Sequence[Truth],
+        stages: Sequence[Stage],
         noise: NoiseSpec,
         reset: ResetMode | None,
         generator: np.random.Generator,
+        threshold: float | None = None,
     ) -> None:
+        self.stages = tuple(stages)
+        truths = [ground_truth(stage.system, noise.slip, threshold) for stage in stages]
         self._truths = truths
         of_system, generator = generator.spawn(2)
-        system = truths[0].stage.system
+        system = stages[0].system
         reset = reset or system.reset
         self._system = SimulatedSystem(
             system, system.objective.horizon, of_system, slip=noise.slip, detect=True, reset=reset
@@ -68,12 +76,7 @@ class ScenarioSystem:
     @property
     def horizon(self) -> int:
         """Steps of an episode."""
-        return self._truths[0].stage.system.objective.horizon
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """What is there, one after the other."""
-        return tuple(truth.stage for truth in self._truths)
+        return self._truths[0].horizon
 
     @property
     def stage(self) -> int:
@@ -86,14 +89,14 @@ class ScenarioSystem:
         return self._episode
 
     @property
-    def truth(self) -> Truth:
-        """What is really there now, for an episode that begins where this one did."""
+    def truth(self) -> GroundTruth:
+        """The system as it really is now, for an episode that begins where this one did."""
         if self._begun is None:
             return self._truths[self._number]
         return self._lasting(self._number, self._begun)
 
     def begin(self, episode: int) -> None:
-        """The episode with this number begins, whether or not its reset gets here, and how often.
+        """Begin the episode with this number, whether or not its reset gets here, and how often.
 
         Where nobody numbers them, every reset begins the next one.
         """
@@ -131,7 +134,7 @@ class ScenarioSystem:
     def _count(self, observation: Observation) -> None:
         before = self.tally
         now = self._truths[self._number]
-        discount = now.stage.system.discount
+        discount = now.system.discount
         self.tally = Tally(
             steps=before.steps + 1,
             earned=before.earned + observation.reward,
@@ -141,13 +144,13 @@ class ScenarioSystem:
         )
 
     def _switch(self, *, goes_to_start: bool = False) -> bool:
-        """Go on to the last stage that is due and possible; whether there is one."""
+        """Go on to the last stage that is due and possible; return whether there is one."""
         now = Moment(self._episode, self.tally.steps)
-        due = [number for number, truth in enumerate(self._truths) if truth.stage.begins <= now]
+        due = [number for number, stage in enumerate(self.stages) if stage.begins <= now]
         for number in reversed(due):
             if number <= self._number:
                 return False
-            system = self._truths[number].stage.system
+            system = self.stages[number].system
             if goes_to_start or self._system.fits(system):
                 self._number = number
                 self._system.switch(system)
@@ -155,7 +158,7 @@ class ScenarioSystem:
         return False
 
     def snapshot(self) -> dict[str, Any]:
-        """All of the state, as JSON has it."""
+        """Return all of the state, as JSON has it."""
         return {
             "stage": self._number,
             "episode": self._episode,
@@ -173,7 +176,7 @@ class ScenarioSystem:
         try:
             self._number, self._episode = int(snapshot["stage"]), int(snapshot["episode"])
             self.tally = Tally(**snapshot["tally"])
-            self._system.switch(self._truths[self._number].stage.system)
+            self._system.switch(self.stages[self._number].system)
             self._system.restore(snapshot["system"])
             self._generator.bit_generator.state = snapshot["generator"]
         except (KeyError, TypeError, ValueError, IndexError) as error:

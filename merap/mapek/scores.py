@@ -1,4 +1,4 @@
-"""What a run of the loop was worth: how soon it reacted, what it earned, what it violated.
+"""Scores of a run of the loop: time to react, return, and violations.
 
 Axes: E episodes.
 """
@@ -22,22 +22,21 @@ Number = TypeVar("Number", int, float)
 
 @dataclass(frozen=True)
 class Reaction:
-    """How the loop came to terms with a change.
+    """The reaction of the loop to a change.
 
-    It has recovered when the policy that would act if learning stopped is within 5 % of the
+    The loop has recovered when the policy that would act if learning stopped is within 5 % of the
     optimum, which is that within the shield's threshold if there is a shield, and still is after the
-    next two episodes. A change that does the policy no harm needs
-    no reaction: all three times are 0.
+    next two episodes. A change that does not harm the policy needs no reaction: all three times are 0.
 
     Attributes:
         episode: in which the change took effect.
         changed: the concerns.
         replanned: the first episode from there on in which adaptation began anew; None: in none
             before the next change.
-        episodes: until it had recovered; None: it had not before the next change.
-        steps: likewise.
-        lost: by how much less than that optimum it earned until then, or until the next change.
-        step: how many steps of its episode were over.
+        episodes: number of episodes until the loop had recovered; None: it had not before the next change.
+        steps: the same in steps.
+        lost: the optimum less the return, summed until then or until the next change.
+        step: number of steps of its episode before the change.
     """
 
     episode: int
@@ -55,12 +54,12 @@ class LoopReport:
 
     Attributes:
         scenario: its name.
-        manager: who managed.
+        manager: name of the manager.
         case: name of the case.
         seed: of everything random.
         rows: one for each episode.
         reactions: one for each change that took effect.
-        shield: what the shield has done; None: there is none.
+        shield: report of the shield; None: there is none.
         seconds: float [E], wall time of each episode; it never repeats.
         ended_by: the fault that ended it before its last episode; None: there was none.
     """
@@ -76,7 +75,7 @@ class LoopReport:
     ended_by: SystemFault | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON; all that depends on the clock is under `times`."""
+        """Return the report as JSON has it; all that depends on the clock is under `times`."""
         return {
             "scenario": self.scenario,
             "manager": self.manager,
@@ -94,14 +93,14 @@ class LoopReport:
         }
 
     def seconds_to_recover(self, reaction: Reaction) -> float | None:
-        """Wall time of the episodes until the loop had recovered; None: it had not."""
+        """Return the wall time of the episodes until the loop had recovered; None: it had not."""
         if reaction.episodes is None:
             return None
         return float(sum(self.seconds[reaction.episode : reaction.episode + reaction.episodes]))
 
 
 def reactions(rows: Sequence[EpisodeRow], stages: Sequence[Stage]) -> tuple[Reaction, ...]:
-    """How the loop came to terms with each change that took effect.
+    """Return the reaction of the loop to each change that took effect.
 
     Args:
         rows: of all episodes.
@@ -135,7 +134,7 @@ def _reaction(rows: Sequence[EpisodeRow], stage: Stage) -> Reaction:
 
 
 def summary(rows: Sequence[EpisodeRow], reacted: Sequence[Reaction]) -> dict[str, Any]:
-    """Figures over all episodes; means of reactions are of those that there were; None: nobody knows."""
+    """Return figures over all episodes, and means over the reactions; None: nobody knows."""
     episodes = [reaction.episodes for reaction in reacted if reaction.episodes is not None]
     optima = _known([row.optimum for row in rows])
     unsafe = _known([row.unsafe for row in rows])

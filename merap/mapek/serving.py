@@ -1,4 +1,4 @@
-"""What `merap serve` offers: a combination of a case, or a scenario in which it changes."""
+"""Systems that `merap serve` offers: a combination of a case, or a scenario in which it changes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination, ResetMode
-from merap.mapek.ground_truth import truths
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_system import ScenarioSystem
 from merap.systems.description import interface_of
@@ -17,7 +16,7 @@ from merap.systems.simulated import SimulatedSystem
 
 
 def served_combination(
-    met: Combination,
+    combination: Combination,
     generator: np.random.Generator,
     *,
     slip: float = 0.0,
@@ -26,10 +25,10 @@ def served_combination(
     reset: ResetMode | None = None,
     pace: Pace | None = None,
 ) -> ServedSystem:
-    """A combination, simulated; see `SimulatedSystem`.
+    """Return a simulated combination to serve; see `SimulatedSystem`.
 
     Args:
-        met: what is there.
+        combination: the system.
         generator: of every draw.
         slip: probability that an action does nothing.
         noise: standard deviation of the Gaussian noise on rewards.
@@ -41,27 +40,27 @@ def served_combination(
         InputError: a number is out of range, or there is no such action to fall back on.
     """
     simulated = SimulatedSystem(
-        met,
-        met.objective.horizon,
+        combination,
+        combination.objective.horizon,
         generator,
         slip=slip,
         noise=noise,
         detect=detect,
-        reset=reset or met.reset,
+        reset=reset or combination.reset,
     )
-    return ServedSystem(simulated, interface_of(met, detect=detect), pace=pace)
+    return ServedSystem(simulated, interface_of(combination, detect=detect), pace=pace)
 
 
 def served_scenario(
     case: CaseStudy, scenario: Scenario, *, detect: bool = True, pace: Pace | None = None
 ) -> ServedSystem:
-    """A system that changes as a scenario says, with its noise, slip, reset and seed.
+    """Return a system to serve that changes as a scenario says, with its noise, slip, reset and seed.
 
-    What the scenario says of sensing, strategy and episodes is for a loop, and not used.
+    The sensing, strategy and episodes of the scenario are for a loop, and not used.
 
     Args:
         case: of the scenario.
-        scenario: what changes when.
+        scenario: the system, and its changes.
         detect: whether the case's detectors are read.
         pace: None: it waits for its manager.
 
@@ -70,7 +69,7 @@ def served_scenario(
             fall back on.
     """
     spec = scenario.spec
-    stages = truths(scenario.stages(case), spec.noise.slip)
+    stages = scenario.stages(case)
     system = ScenarioSystem(stages, spec.noise, spec.reset, np.random.default_rng(spec.seed))
-    interface = interface_of(stages[0].stage.system, detect=detect)
+    interface = interface_of(stages[0].system, detect=detect)
     return ServedSystem(system, replace(interface, system=spec.scenario), pace=pace)

@@ -12,7 +12,7 @@ by optional stopping the probability of ever reaching one is at most the first b
 for the nonnegative supermartingale b). No action is wanting while b >= rho(s), which each step
 preserves. If b begins below rho(s), no behaviour can promise lambda; then, and when the credible
 models have changed for the worse, only the least risky actions are left. They are reported. What is
-done where the system is not seen is in `ledger`.
+done where the system is not seen is in `partially_observed_budget`.
 
 After a violation the promise is void, and the budget lambda anew: the way back is as careful.
 

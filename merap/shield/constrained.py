@@ -71,9 +71,9 @@ def constrained_optimum(model: TabularMDP, unsafe: Bools, threshold: float, hori
     price, low = DEAR * _span(after), best(DEAR * _span(after))
     while high.risk > low.risk:
         price = (high.value - low.value) / (high.risk - low.risk)
-        found, met = best(price), high.at(price, bound)
-        if found.at(price, bound) <= met + PRECISION * _span(after):
-            return met
+        found, attained = best(price), high.at(price, bound)
+        if found.at(price, bound) <= attained + PRECISION * _span(after):
+            return attained
         high, low = (found, low) if found.risk > bound else (high, found)
     return low.value
 

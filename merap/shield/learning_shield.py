@@ -1,22 +1,25 @@
-"""A shield that learns which models are still credible: what strategies and the loop are kept safe by.
+"""A shield that learns which models are still credible; it keeps strategies and the loop safe.
 
 Axes: T steps, S states of the canonical index (the completed state is the last), A declared actions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
 from merap.mdp.model import Bools, Floats
+from merap.shield.credible_tracker import CredibleTracker
 from merap.shield.outcomes import OutcomeSets
 from merap.shield.policy import masked_policy, planning_mask
 from merap.shield.shield import RobustShield, ShieldReport
-from merap.shield.watch import Watch
 from merap.systems.interface import Observation
+from merap.systems.sightings import News, Transition
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,10 @@ class ShieldSettings:
 
 
 class LearningShield:
-    """Follows the episodes with a belief of its own, and says what may be done.
+    """Follows the episodes with a belief of its own, and says which actions are safe enough.
 
-    The order of calls: `begin`; whenever something arrives `shown`, `sighted`, `stepped` and, last,
-    `refresh`; `allowed` before an action, and `took` when it was executed.
+    The order of calls: `begin`; `follow` whenever something arrives, or `sighted`, `stepped` and, last,
+    `refresh` instead; `allowed` before an action, and `took` when it was executed.
 
     Args:
         space: the hypotheses of the case.
@@ -53,16 +56,17 @@ class LearningShield:
         self._horizon = horizon
         self._settings = settings
         self._start = np.append(space.initial, 0.0)
-        self._watch = Watch(space, settings.hazard_prior)
+        self._tracker = CredibleTracker(space, settings.hazard_prior)
         self._shield = RobustShield(self._outcomes, settings.threshold)
+        self._located = False
 
     def _outcomes(self) -> OutcomeSets:
-        return self._watch.outcomes()
+        return self._tracker.outcomes()
 
     @property
     def belief(self) -> Belief:
-        """What it believes."""
-        return self._watch.belief
+        """The belief of the shield."""
+        return self._tracker.belief
 
     @property
     def budgets(self) -> Floats:
@@ -70,56 +74,71 @@ class LearningShield:
         return self._shield.budgets
 
     def begin(self) -> None:
-        """An episode begins; the system has not been seen yet."""
+        """Begin an episode; the system has not been seen yet."""
+        self._located = False
         self._shield.begin()
 
-    def shown(self, enabled: Bools) -> None:
-        """What is enabled now, bool [A], whether the state is seen or not."""
-        self._shield.shown(enabled)
+    def follow(self, news: Sequence[News], enabled: Bools | None) -> None:
+        """Learn from what has arrived, and solve again if other models are credible now.
+
+        Args:
+            news: in the order of arrival; a transition counts as such once the shield knows where it began.
+            enabled: bool [A], the actions that are possible now; None: not known.
+        """
+        if enabled is not None:
+            self._shield.shown(enabled)
+        for one in news:
+            if isinstance(one, Transition) and self._located:
+                self.stepped(one.time + 1, one.action, one.observation)
+            elif not one.observation.last:
+                self.sighted(one.time + isinstance(one, Transition), one.observation)
+        self.refresh()
 
     def sighted(self, time: int, observation: Observation) -> None:
-        """Where the system was after so many steps of the episode; how it came there is not known."""
-        self._watch.begin(observation)
-        self._shield.seen(self._watch.state, time)
+        """Take in where the system was after `time` steps of the episode; how it came there is not known."""
+        self._located = True
+        self._tracker.begin(observation)
+        self._shield.seen(self._tracker.state, time)
         if time == 0:
-            self._start = (np.arange(len(self._start)) == self._watch.state) * 1.0
+            self._start = (np.arange(len(self._start)) == self._tracker.state) * 1.0
 
     def stepped(self, time: int, action: int, observation: Observation) -> None:
-        """What the step led to with which so many steps were over, from the state seen last."""
-        self._watch.observe(action, observation)
-        self._shield.seen(self._watch.state, time)
+        """Take in where the step led that was number `time` of the episode, from the state seen last."""
+        self._tracker.observe(action, observation)
+        self._shield.seen(self._tracker.state, time)
 
     def refresh(self) -> bool:
-        """Solve again if other models are credible now; whether they are."""
+        """Solve again if other models are credible now; return whether they are."""
         return self._shield.refresh()
 
     def forget(self, observation: Observation | None) -> None:
-        """The domain has changed: everything is credible again, but for what an observation says now.
+        """Hold everything credible again but what one observation rules out, since the domain has changed.
 
         The budget of the episode stays spent.
         """
-        self._watch = Watch(self._space, self._settings.hazard_prior)
+        self._located = observation is not None
+        self._tracker = CredibleTracker(self._space, self._settings.hazard_prior)
         if observation is not None:
-            self._watch.begin(observation)
+            self._tracker.begin(observation)
         self._shield.renew()
 
     def allowed(self, enabled: Bools) -> Bools:
-        """bool [A], never empty: of the enabled actions those that are safe wherever the system may be."""
+        """Return bool [A], never empty: the enabled actions that are safe wherever the system may be."""
         return self._shield.allowed(enabled)
 
     def took(self, action: int, *, surely: bool = True) -> None:
-        """An action was executed, or may have been."""
+        """Charge an action that was executed, or may have been."""
         self._shield.took(action, surely=surely)
 
     @property
     def mask(self) -> Bools:
-        """bool [S, A], for planners: what the whole budget of an episode could allow in one step."""
+        """bool [S, A], for planners: the actions that the whole budget of an episode could allow."""
         return planning_mask(self._shield.risk, self._settings.threshold)
 
     def masked(self, policy: Floats) -> Floats:
-        """A policy, float64 [S, A] or [T, S, A], within a mask that keeps the threshold; see `policy`.
+        """Return a policy, float64 [S, A] or [T, S, A], within a mask that keeps the threshold.
 
-        From where the last episode began.
+        It does so for an episode that begins where the last one began; see `policy`.
         """
         shield = self._shield
         return masked_policy(
@@ -128,9 +147,42 @@ class LearningShield:
 
     @property
     def least_risk(self) -> float:
-        """What any behaviour risks from where the last episode began."""
+        """The least risk of any behaviour from where the last episode began."""
         return float(self._start @ self._shield.risk.of_states)
 
     def report(self) -> ShieldReport:
-        """What it has done so far."""
+        """Return what it has done so far."""
         return self._shield.report()
+
+
+class Unshielded:
+    """Stands for the shield of a loop that has none: every enabled action is safe enough."""
+
+    mask = None
+
+    def begin(self) -> None:
+        """Begin an episode."""
+
+    def follow(self, news: Sequence[News], enabled: Bools | None) -> None:
+        """Learn nothing."""
+
+    def forget(self, observation: Observation | None) -> None:
+        """Forget nothing."""
+
+    def allowed(self, enabled: Bools) -> Bools:
+        """Return the enabled actions, bool [A]."""
+        return enabled
+
+    def took(self, action: int, *, surely: bool = True) -> None:
+        """Charge nothing."""
+
+    def masked(self, policy: Floats) -> Floats:
+        """Return the policy."""
+        return policy
+
+    def report(self) -> ShieldReport | None:
+        """Return nothing: no shield has done anything."""
+        return None
+
+
+Shield: TypeAlias = LearningShield | Unshielded

@@ -15,8 +15,8 @@ from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.shield.budget import permitted
 from merap.shield.fixpoint import robust_risk
-from merap.shield.ledger import Charge, Ledger
 from merap.shield.outcomes import OutcomeSets
+from merap.shield.partially_observed_budget import Charge, PartiallyObservedBudget
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class ShieldReport:
 
 
 class RobustShield:
-    """A shield with a budget over whatever models are credible; see `fixpoint`, `budget` and `ledger`.
+    """A shield with a budget over whatever models are credible; see `fixpoint`, `budget` and
+    `partially_observed_budget`.
 
     The order of calls: `begin`, and `seen` where the system is; then `allowed` and `took` in turns, and
     `shown`, `seen` and `refresh` when anything arrives.
@@ -72,7 +73,7 @@ class RobustShield:
         self._outcomes = outcomes
         self.outcomes = outcomes()
         self.risk = robust_risk(self.outcomes)
-        self._ledger = Ledger(threshold, self.outcomes)
+        self._budget = PartiallyObservedBudget(threshold, self.outcomes)
         self._counts = dict.fromkeys(
             ("episodes", "steps", "beyond_from_start", "fallbacks", "withheld", "changes"), 0
         )
@@ -81,27 +82,27 @@ class RobustShield:
     @property
     def budgets(self) -> Floats:
         """float64 [S], what is left if the system is there now; infinite where it can't be."""
-        return self._ledger.budgets
+        return self._budget.budgets
 
     def begin(self) -> None:
         """An episode begins, with the whole budget; the system has not been seen yet."""
-        self._ledger.begin(self.outcomes)
+        self._budget.begin(self.outcomes)
         self._counts["episodes"] += 1
 
     def shown(self, enabled: Bools) -> None:
         """What is enabled now, bool [A]."""
-        self._ledger.show(enabled, self.outcomes)
+        self._budget.show(enabled, self.outcomes)
 
     def seen(self, state: int, time: int | None = None) -> None:
         """Where the system was after so many actions of the episode; None: where it is."""
-        self._ledger.see(state, self._ledger.time if time is None else time, self.risk.unsafe)
+        self._budget.see(state, self._budget.time if time is None else time, self.risk.unsafe)
 
     def allowed(self, enabled: Bools) -> Bools:
         """bool [A], never empty: of the enabled actions bool [A] those that are safe enough."""
-        states = self._ledger.states(self.risk.unsafe)
+        states = self._budget.states(self.risk.unsafe)
         mask, beyond = permitted(self.risk, states, self.budgets[states], enabled)
         least = self.risk.of_states[states]
-        if self._ledger.time == 0 and np.any(least > self.threshold + self.risk.residual):
+        if self._budget.time == 0 and np.any(least > self.threshold + self.risk.residual):
             self._counts["beyond_from_start"] += 1
         self._counts["steps"] += 1
         self._counts["fallbacks"] += bool(beyond)
@@ -113,9 +114,9 @@ class RobustShield:
 
         It is charged what it risked when it was allowed: what the step itself teaches comes after.
         """
-        states = self._ledger.states(self.risk.unsafe)
+        states = self._budget.states(self.risk.unsafe)
         self._worst = max(self._worst, float(self.risk.of_actions[states, action].max()))
-        self._ledger.charge(Charge(action, surely, self.risk, self.outcomes))
+        self._budget.charge(Charge(action, surely, self.risk, self.outcomes))
 
     def refresh(self) -> bool:
         """Solve again if other models are credible now, whether they are; the budget stays what it is."""
@@ -130,7 +131,7 @@ class RobustShield:
     def renew(self) -> None:
         """The domain has changed: `refresh`, and charge what is not settled by what is credible now."""
         self.refresh()
-        self._ledger.renew(self.risk, self.outcomes)
+        self._budget.renew(self.risk, self.outcomes)
 
     def report(self) -> ShieldReport:
         """What was done so far."""

@@ -1,4 +1,4 @@
-"""The online phase: adapt to a system that is met, by one of several strategies.
+"""The online phase: adapt to a simulated system, by one of several strategies.
 
 Axes: B episodes, T steps, S states, A actions.
 """
@@ -20,16 +20,14 @@ from merap.shield.learning_shield import ShieldSettings
 from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Safety, total
-from merap.strategies.evaluation import Range, Run, as_dict, judged, summary
-from merap.strategies.ground_truth import (
+from merap.strategies.adaptation_problem import (
     UNDISTURBED,
+    AdaptationProblem,
     Conditions,
-    Encounter,
-    encounter,
-    met_system,
-    supervised,
+    adaptation_problem,
 )
-from merap.strategies.protocol import adaptation, evaluator, executed
+from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
+from merap.strategies.protocol import adaptation
 from merap.strategies.registry import ALL, GRADIENT, PRETRAINED, parse_strategy
 from merap.systems.strategy import Strategy
 
@@ -43,18 +41,18 @@ class Adaptation:
 
     Attributes:
         system: its name.
-        conditions: what it was like.
-        strategy: how it was adapted to.
-        reachable: what any policy can earn there.
+        conditions: of its episodes.
+        strategy: name of the strategy.
+        reachable: returns of the best and the worst policy there.
         runs: one for each seed.
         before: float64 [S, A + 1] or [T, S, A + 1], the policy of the first run before any
             episode; the last action is `end`.
-        after: likewise, after its last update.
-        reasons: of each run, what the strategy said before any episode and after each update.
+        after: the same after its last update.
+        reasons: explanations of the strategy in each run, before any episode and after each update.
         model: the system's true model, on the canonical index.
         safety: of each run; empty if the system's objective declares nothing unsafe and there is no
             shield.
-        within_shield: what any policy can earn there within the shield's threshold; None: there is no shield.
+        within_shield: best return and chance within the shield's threshold; None: there is no shield.
     """
 
     system: str
@@ -70,7 +68,7 @@ class Adaptation:
     within_shield: SafeOptimum | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the results as JSON has them."""
         return {
             "system": self.system,
             **asdict(self.conditions),
@@ -103,7 +101,7 @@ def adapt(
 ) -> Adaptation:
     """Adapt to a simulated system, once for each seed.
 
-    What a seed gives does not depend on the others.
+    The result of a seed does not depend on the other seeds.
 
     Args:
         run: a finished training run.
@@ -113,8 +111,8 @@ def adapt(
         steps: policy updates.
         max_episodes: real episodes at most, in place of `steps`.
         seeds: of the episodes.
-        conditions: what the system is like.
-        shield: keeps what is done, explored and learned within a threshold; None: nothing does.
+        conditions: of its episodes.
+        shield: keeps actions, exploration and the learned policy within a threshold; None: there is none.
         on_step: called after each policy update of each seed.
 
     Raises:
@@ -123,12 +121,14 @@ def adapt(
             begin another one.
     """
     require_adaptable(strategy, seeds)
-    met = encounter(run, system, episodes_per_step=episodes_per_step, conditions=conditions, shield=shield)
-    return adapt_to(met, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
+    problem = adaptation_problem(
+        run, system, episodes_per_step=episodes_per_step, conditions=conditions, shield=shield
+    )
+    return adapt_to(problem, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
 
 
 def require_adaptable(strategy: str, seeds: Sequence[int]) -> None:
-    """Refuse what can't be adapted with, before any work is done.
+    """Refuse seeds and strategies that can't be used, before any work is done.
 
     Raises:
         InputError: there is no seed, or no such strategy.
@@ -140,7 +140,7 @@ def require_adaptable(strategy: str, seeds: Sequence[int]) -> None:
 
 
 def adapt_to(
-    met: Encounter,
+    problem: AdaptationProblem,
     strategy: str,
     *,
     steps: int = 30,
@@ -148,68 +148,70 @@ def adapt_to(
     seeds: Sequence[int] = (0,),
     on_step: OnStep = lambda: None,
 ) -> Adaptation:
-    """Adapt to what is met; see `adapt`."""
+    """Solve an adaptation problem, once for each seed; see `adapt`."""
     require_adaptable(strategy, seeds)
     found: list[tuple[Run, Floats, Floats, Safety, Reasons]] = []
     with one_thread():
         for seed in seeds:
             of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-            chosen = met.strategy(strategy, of_strategy)
+            chosen = problem.strategy(strategy, of_strategy)
             limit = steps * chosen.episodes_per_update if max_episodes is None else max_episodes
             if max_episodes is not None and limit < chosen.episodes_per_update:
                 raise InputError(
                     f"{strategy} takes {chosen.episodes_per_update} real episodes for a policy update; "
                     f"{limit} are too few"
                 )
-            found.append(_followed(seed, met, chosen, of_system, limit, on_step))
+            found.append(_followed(seed, problem, chosen, of_system, limit, on_step))
     runs, before, after, safety, reasons = zip(*found, strict=True)
+    truth = problem.truth
     return Adaptation(
-        system=met.system.name,
-        conditions=met.conditions,
+        system=truth.system.name,
+        conditions=problem.conditions,
         strategy=strategy,
-        reachable=met.reachable,
+        reachable=truth.reachable,
         runs=runs,
         before=before[0],
         after=after[0],
         reasons=reasons,
-        model=met.model,
-        safety=safety if met.shield is not None or met.unsafe is not None else (),
-        within_shield=met.within_shield,
+        model=truth.model,
+        safety=safety if problem.shield is not None or truth.system.objective.unsafe is not None else (),
+        within_shield=truth.safe_optimum,
     )
 
 
 def _followed(
     seed: int,
-    met: Encounter,
+    problem: AdaptationProblem,
     strategy: Strategy,
     generator: np.random.Generator,
     max_episodes: int,
     on_step: OnStep,
 ) -> tuple[Run, Floats, Floats, Safety, Reasons]:
-    """One adaptation: the policies before and after, what happened, and why, row by row."""
-    simulated = met_system(met, generator)
-    counted = supervised(met, simulated)
-    before = executed(met.model, strategy.policy())
+    """Adapt once; return the run, the policies before and after, its safety, and the reasons row by row."""
+    simulated = problem.simulated(generator)
+    counted = problem.supervised(simulated)
+    truth = problem.truth
+    before = executed(truth.model, strategy.policy())
     rows, reasons = [], []
-    for row in adaptation(counted, strategy, evaluator(met.model, met.context.horizon), max_episodes):
+    for row in adaptation(counted, strategy, truth.value, max_episodes):
         rows.append(row)
         reasons.append(strategy.explain())
         if row.step:
             on_step()
-    run = judged(seed, rows, met.reachable, simulated.steps_back)
+    run = judged(seed, rows, truth.reachable, simulated.steps_back)
     safety = counted.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
-    return run, before, executed(met.model, strategy.policy()), safety, tuple(reasons)
+    return run, before, executed(truth.model, strategy.policy()), safety, tuple(reasons)
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How much it matters for which combination a policy was learned that is not adapted.
+    """The spread of the policies that are learned for one combination each, and not adapted.
 
     Attributes:
         values: combination -> exact value of its policy on the true model, best first.
         best: the best of them played, as `pretrained:<combination>`.
-        median: likewise; of an even number the better one.
-        worst: likewise.
+        median: the same; the better of the two in the middle of an even number.
+        worst: the same.
     """
 
     values: Mapping[str, float]
@@ -219,11 +221,11 @@ class Spread:
 
     @property
     def shown(self) -> tuple[Adaptation, ...]:
-        """Best, median, worst."""
+        """The best, median and worst policy, played."""
         return self.best, self.median, self.worst
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the results as JSON has them."""
         return {
             "system": self.best.system,
             **asdict(self.best.conditions),
@@ -238,22 +240,22 @@ class Spread:
 
 
 def spread_of_pretrained(
-    met: Encounter,
+    problem: AdaptationProblem,
     *,
     steps: int = 30,
     max_episodes: int | None = None,
     seeds: Sequence[int] = (0,),
     on_step: OnStep = lambda: None,
 ) -> Spread:
-    """Play the policies learned for the base's combinations that are best, median and worst here.
+    """Play the best, median and worst of the policies that were learned for one combination each.
 
-    Which those are is known from the true model: this shows the range of a baseline and is no
-    way to adapt. Arguments as those of `adapt`.
+    They are chosen by the true model: this shows the range of a baseline and is no way to adapt. The
+    arguments are those of `adapt`.
     """
-    values = values_of_pretrained(met)
+    values = values_of_pretrained(problem)
     best, median, worst = (
         adapt_to(
-            met,
+            problem,
             f"{PRETRAINED}:{name}",
             steps=steps,
             max_episodes=max_episodes,
@@ -265,16 +267,15 @@ def spread_of_pretrained(
     return Spread(values, best, median, worst)
 
 
-def values_of_pretrained(met: Encounter) -> dict[str, float]:
-    """Combination of the run's base -> exact value of the policy learned for it, here; best first."""
-    names = met.context.run.names
-    evaluate = evaluator(met.model, met.context.horizon)
-    policies = met.context.pretrained(names)
-    values = {name: evaluate(policy) for name, policy in zip(names, policies, strict=True)}
+def values_of_pretrained(problem: AdaptationProblem) -> dict[str, float]:
+    """Return combination of the base -> exact value here of the policy learned for it, best first."""
+    names = problem.context.run.names
+    policies = problem.context.pretrained(names)
+    values = {name: problem.truth.value(policy) for name, policy in zip(names, policies, strict=True)}
     return dict(sorted(values.items(), key=lambda item: -item[1]))
 
 
 def best_median_worst(values: Mapping[str, float]) -> tuple[str, str, str]:
-    """Of values ranked best first; of an even number the better one is the median."""
+    """Return the names of the best, median and worst of values that are ranked best first."""
     ranked = list(values)
     return ranked[0], ranked[(len(ranked) - 1) // 2], ranked[-1]

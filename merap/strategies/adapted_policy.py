@@ -1,4 +1,4 @@
-"""The policy that gradient steps lead to, with its parameters, to take away."""
+"""The policy after gradient steps, with its parameters, for use elsewhere."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.strategies.adaptation import OnStep
+from merap.strategies.adaptation_problem import adaptation_problem
 from merap.strategies.gradient import GradientStrategy
-from merap.strategies.ground_truth import encounter, met_system
 from merap.strategies.protocol import episode
 
 
@@ -25,7 +25,7 @@ def adapted_policy(
     seed: int = 0,
     on_step: OnStep = lambda: None,
 ) -> MetaPolicy:
-    """The meta policy after gradient steps on a simulated system, as `adapt` with this seed takes them.
+    """Return the meta policy after gradient steps on a simulated system, those of `adapt` with this seed.
 
     Args:
         run: a finished training run.
@@ -38,15 +38,15 @@ def adapted_policy(
     Raises:
         InputError: the run is not finished, or the system can't begin another episode.
     """
-    met = encounter(run, system, episodes_per_step=episodes_per_step)
+    problem = adaptation_problem(run, system, episodes_per_step=episodes_per_step)
     of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-    meta = met.context.meta
-    strategy = GradientStrategy(meta, met.context.valuations, episodes_per_step, of_strategy)
+    meta = problem.context.meta
+    strategy = GradientStrategy(meta, problem.context.valuations, episodes_per_step, of_strategy)
     with one_thread():
-        real = met_system(met, of_system)
+        simulated = problem.simulated(of_system)
         for _ in range(steps):
             for _ in range(episodes_per_step):
-                episode(real, strategy)
+                episode(simulated, strategy)
             strategy.update()
             on_step()
     return replace(meta, parameters=strategy.parameters)

@@ -1,9 +1,9 @@
-"""The paper's trained baselines: learned once, on demand, and kept in the run folder.
+"""The trained baselines of the paper: learned once, on demand, and kept in the run folder.
 
     baselines/joint.safetensors                        one policy for all tasks
     baselines/pretrained/<combination>.safetensors     a policy for one combination
 
-Each file says what it was made from; one that does not fit is refused, never used or written over.
+Each file has its recipe; one with another recipe is refused, never used or written over.
 
 Axes: N tasks, S states, A declared actions.
 """
@@ -43,7 +43,7 @@ _RECIPE = "recipe"
 
 
 def joint_policy(run: RunFolder, network: PolicyNetwork, tasks: Callable[[], TaskBatch]) -> Floats:
-    """The policy for all tasks of a run.
+    """Return one policy for all tasks of a run; learn it if it is not stored.
 
     Args:
         run: the run.
@@ -72,7 +72,7 @@ def pretrained_policies(
     names: Sequence[str],
     tasks: Callable[[Sequence[str]], TaskBatch],
 ) -> list[Floats]:
-    """The policies for some combinations, each learned on its own model alone.
+    """Return policies for some combinations, each learned on its own model alone.
 
     Args:
         run: the run.
@@ -103,7 +103,7 @@ def pretrained_policies(
 
 
 def _recipe(run: RunFolder, settings: SearchSettings, **content: Any) -> Mapping[str, Any]:
-    """What a baseline is made from, as JSON has it."""
+    """Return the recipe of a baseline, as JSON has it."""
     made_from: Mapping[str, Any] = json.loads(
         json.dumps({"case": run.case.digest, **asdict(settings), **content})
     )
@@ -116,10 +116,10 @@ def _store(path: Path, parameters: Parameters, recipe: Mapping[str, Any]) -> Non
 
 
 def _stored(path: Path, network: PolicyNetwork, recipe: Mapping[str, Any]) -> Parameters | None:
-    """The parameters in a file; None if there is no file.
+    """Return the parameters in a file; None if there is no file.
 
     Raises:
-        InputError: it is damaged, or was made from something else.
+        InputError: the file is damaged, or has another recipe.
     """
     if not path.exists():
         return None
@@ -147,7 +147,7 @@ def _stored(path: Path, network: PolicyNetwork, recipe: Mapping[str, Any]) -> Pa
 
 
 def _difference(made_from: Any, recipe: Mapping[str, Any]) -> str:
-    """The first entry in which a file's recipe is not the one that is wanted."""
+    """Return the first entry in which a recipe differs from the requested one."""
     if not isinstance(made_from, dict):
         return "it says not what"
     keys = [*recipe, *(key for key in made_from if key not in recipe)]
@@ -156,7 +156,7 @@ def _difference(made_from: Any, recipe: Mapping[str, Any]) -> str:
 
 
 def _table(network: PolicyNetwork, parameters: Parameters) -> Floats:
-    """float64 [S, A], every action taken to be enabled, but none in the completed state."""
+    """Return float64 [S, A], with every action enabled, but none in the completed state."""
     enabled = torch.ones(1, network.num_states, network.num_actions, dtype=torch.bool)
     enabled[:, -1] = False
     with torch.no_grad():

@@ -1,14 +1,23 @@
-"""The curve of an adaptation, and how soon it was good enough (design, section 8)."""
+"""Evaluation of an adaptation: the value of its policies on the true model, and how soon one was good enough.
+
+Axes: T steps, S states, A declared actions.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+
+from merap.errors import ModelError
+from merap.mdp.evaluation import expected_return
+from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import optimum, worst_value
+from merap.mdp.reserved_names import COMPLETE_LABEL
 
 WITHIN = 0.05
 SOLVED = 0.02
@@ -16,6 +25,7 @@ IN_A_ROW = 3
 # Values are exact up to that part of what is at stake; an optimum of 0 is reached at -1e-12.
 ROUNDING = 1e-9
 QUANTILES = (50, 95)
+Evaluator = Callable[[Floats], float]
 
 
 @dataclass(frozen=True)
@@ -38,22 +48,64 @@ class Row:
 
 @dataclass(frozen=True)
 class Range:
-    """What any policy can earn on the true model: of the best and worst time-indexed policy."""
+    """Undiscounted returns of the best and the worst time-indexed policy on a model."""
 
     optimum: float
     worst: float
 
     def within_5_percent(self, value: float) -> bool:
-        """Whether optimum - value <= 0.05 |optimum|, up to rounding."""
+        """Return whether optimum - value <= 0.05 |optimum|, up to rounding."""
         return self.optimum - value <= WITHIN * abs(self.optimum) + self._rounding
 
     def solved(self, value: float) -> bool:
-        """Whether optimum - value <= 0.02 (optimum - worst), up to rounding."""
+        """Return whether optimum - value <= 0.02 (optimum - worst), up to rounding."""
         return self.optimum - value <= SOLVED * (self.optimum - self.worst) + self._rounding
 
     @property
     def _rounding(self) -> float:
         return ROUNDING * max(self.optimum - self.worst, abs(self.optimum))
+
+
+def reachable_range(model: TabularMDP, horizon: int) -> Range:
+    """Return the range of what time-indexed policies can earn on a model."""
+    return Range(optimum(model, horizon), worst_value(model, horizon))
+
+
+def evaluator(model: TabularMDP, horizon: int) -> Evaluator:
+    """Return a function from a strategy's policy to its exact undiscounted value on the true model.
+
+    Args:
+        model: the true one, canonical.
+        horizon: T.
+    """
+    return lambda policy: expected_return(model, executed(model, policy), horizon)
+
+
+def executed(model: TabularMDP, policy: Floats) -> Floats:
+    """Return a strategy's policy as the system carries it out.
+
+    Args:
+        model: canonical: its last action is `end`.
+        policy: float64 [..., S, A], over declared actions.
+
+    Returns:
+        float64 [..., S, A + 1]: zero where an action is disabled, the rest in proportion,
+        uniform where nothing is left; `end` in completed states.
+
+    Raises:
+        ModelError: the policy has another shape, or a negative or undefined entry.
+    """
+    if policy.shape[-2:] != (model.num_states, model.num_actions - 1):
+        expected = (model.num_states, model.num_actions - 1)
+        raise ModelError(f"the policy has shape {policy.shape}, not (.., {expected[0]}, {expected[1]})")
+    if not np.all(policy >= 0):
+        raise ModelError("the policy has a probability that is negative or undefined")
+    widened = np.concatenate([policy, np.zeros((*policy.shape[:-1], 1))], axis=-1) * model.enabled
+    nothing_left = widened.sum(axis=-1, keepdims=True) == 0
+    widened = np.where(nothing_left, model.enabled * 1.0, widened)
+    widened[..., model.labels[COMPLETE_LABEL], -1] = 1.0
+    shares: Floats = widened / np.maximum(widened.sum(axis=-1, keepdims=True), 1e-300)
+    return shares
 
 
 @dataclass(frozen=True)
@@ -95,7 +147,7 @@ def judged(
     steps_back: int = 0,
     regret_episodes: int | None = None,
 ) -> Run:
-    """A run with its scores.
+    """Return a run with its scores.
 
     Args:
         seed: of its episodes.
@@ -132,13 +184,13 @@ def judged(
 
 
 def lasting(good: Sequence[bool]) -> int | None:
-    """Index of the first of three good rows in a row."""
+    """Return the index of the first of three good rows in a row; None if there is none."""
     windows = (all(good[index : index + IN_A_ROW]) for index in range(len(good) - IN_A_ROW + 1))
     return next((index for index, lasting in enumerate(windows) if lasting), None)
 
 
 def summary(runs: Sequence[Run]) -> dict[str, Any]:
-    """Figures over runs.
+    """Return figures over runs.
 
     Means, medians and maxima of steps and episodes are of the runs that got there, `never` counts
     the others, `too_short` those of them that ended before it could be told. Quantiles are over all
@@ -175,7 +227,7 @@ def _statistics(name: str, values: Sequence[int | None]) -> dict[str, Any]:
 
 
 def _quantiles(name: str, values: Sequence[int | None]) -> dict[str, Any]:
-    """The least value that half, and 95 percent, of the runs do not exceed."""
+    """Return the least values that half, and 95 percent, of the runs do not exceed."""
     ranked = sorted(math.inf if value is None else value for value in values)
     found = {percent: ranked[math.ceil(percent * len(ranked) / 100) - 1] for percent in QUANTILES}
     return {
@@ -188,5 +240,5 @@ def _regrets(name: str, values: Sequence[float]) -> dict[str, float]:
 
 
 def as_dict(run: Run) -> dict[str, Any]:
-    """For JSON."""
+    """Return the run as JSON has it."""
     return asdict(run)

@@ -19,9 +19,8 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, initial_parameters, policy_table, stack_parameters
 from merap.learning.rollout import Episodes
 from merap.mdp.model import Bools, Floats, Ints
-from merap.strategies.drawing import draw_action
 from merap.systems.interface import Observation
-from merap.systems.strategy import StateIndex
+from merap.systems.strategy import StateIndex, draw_action
 
 # Of every parameter, where no training has learned any (the authors' setting).
 STEP_SIZE = 0.5

@@ -1,113 +1,89 @@
-"""A simulated system that is met: what it is like, and how strategies meet it.
+"""A simulated system as it really is: for scores and reports, never for what manages it.
 
-Axes: P locations, Q modes.
+Axes: S states of the canonical index (the completed state is the last), P locations, Q modes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from merap.concerns.combination import Combination, ResetMode
-from merap.families.build import model_of
-from merap.learning.run_folder import RunFolder
-from merap.mdp.model import Bools, TabularMDP
-from merap.shield.learning_shield import ShieldSettings
-from merap.shield.safe_optimum import SafeOptimum, safe_optimum
-from merap.shield.shielded_strategy import ShieldedStrategy
-from merap.shield.supervision import Supervised, unsafe_of
-from merap.strategies.evaluation import Range
-from merap.strategies.protocol import reachable_range
-from merap.strategies.registry import StrategyContext, make_strategy
-from merap.systems.simulated import SimulatedSystem
+from merap.concerns.combination import Combination
+from merap.mdp.model import Bools, Floats, TabularMDP
+from merap.mdp.planning import optimum
+from merap.shield.safe_optimum import SafeOptimum
+from merap.shield.supervision import unsafe_of
+from merap.strategies.evaluation import Range, evaluator, reachable_range
 from merap.systems.slip import slipping_model
-from merap.systems.strategy import Strategy
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """What makes a system harder to learn from than its model says.
-
-    Attributes:
-        reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
-        slip: probability that an action does nothing; policies are scored with it.
-        reset: how an episode after the first begins; None: as the case says of the system.
-    """
-
-    reward_noise: float = 0.0
-    slip: float = 0.0
-    reset: ResetMode | None = None
-
-
-UNDISTURBED = Conditions()
 
 
 @dataclass(frozen=True, eq=False)
-class Encounter:
-    """A simulated system that is met, for any strategy to adapt to.
+class GroundTruth:
+    """A simulated system as it really is; a figure that takes time is computed when first asked for.
 
     Attributes:
-        system: what is met.
-        conditions: what it is like, with a reset mode.
-        model: its true model, on the canonical index.
-        reachable: what any policy can earn there.
-        context: what strategies are made from.
-        shield: what strategies are shielded by; None: nothing.
-        unsafe: bool [P * Q], where the system's objective says so; None: it says nothing.
-        within_shield: what any policy can earn within the shield's threshold; None: there is no shield.
+        system: the system.
+        model: its true model on the canonical index, slip included.
+        slip: probability that an action does nothing.
+        threshold: of the shield; None: there is no shield.
+        place: location p and mode q in which an episode begins, as p * Q + q; None: as the objective says.
     """
 
     system: Combination
-    conditions: Conditions
-    model: TabularMDP
-    reachable: Range
-    context: StrategyContext
-    shield: ShieldSettings | None = None
-    unsafe: Bools | None = None
-    within_shield: SafeOptimum | None = None
+    model: TabularMDP = field(repr=False)
+    slip: float = 0.0
+    threshold: float | None = None
+    place: int | None = None
 
-    def strategy(self, name: str, generator: np.random.Generator) -> Strategy:
-        """A strategy before any episode, shielded if it is to be; see `registry.make_strategy`."""
-        chosen = make_strategy(name, self.context, generator)
-        if self.shield is None:
-            return chosen
-        return ShieldedStrategy(chosen, self.context.hypotheses, self.context.horizon, self.shield)
+    @property
+    def horizon(self) -> int:
+        """T, steps of an episode."""
+        return self.system.objective.horizon
 
+    @cached_property
+    def reachable(self) -> Range:
+        """Undiscounted returns of the best and the worst time-indexed policy."""
+        return reachable_range(self.model, self.horizon)
 
-def encounter(
-    run: RunFolder,
-    system: Combination,
-    *,
-    episodes_per_step: int = 35,
-    conditions: Conditions = UNDISTURBED,
-    shield: ShieldSettings | None = None,
-) -> Encounter:
-    """Build a system that is met; see `adaptation.adapt`."""
-    unsafe = unsafe_of(system)
-    given = replace(conditions, reset=conditions.reset or system.reset)
-    model = slipping_model(system, given.slip) if given.slip else model_of(system)
-    horizon = system.objective.horizon
-    context = StrategyContext(run, horizon, system.discount, episodes_per_step, model)
-    within = None if shield is None else safe_optimum(system, given.slip, shield.threshold)
-    return Encounter(system, given, model, reachable_range(model, horizon), context, shield, unsafe, within)
+    @cached_property
+    def discounted_optimum(self) -> float:
+        """Discounted return of the best time-indexed policy."""
+        return optimum(self.model, self.horizon, self.system.discount)
 
+    @cached_property
+    def unsafe(self) -> Bools:
+        """bool [P * Q], by location and mode: unsafe by the system's objective."""
+        declared = unsafe_of(self.system)
+        return np.zeros(self.model.num_states - 1, dtype=np.bool_) if declared is None else declared
 
-def met_system(met: Encounter, generator: np.random.Generator) -> SimulatedSystem:
-    """What is met, with its detectors."""
-    assert met.conditions.reset is not None
-    return SimulatedSystem(
-        met.system,
-        met.context.horizon,
-        generator,
-        slip=met.conditions.slip,
-        noise=met.conditions.reward_noise,
-        detect=True,
-        reset=met.conditions.reset,
-    )
+    @cached_property
+    def safe_optimum(self) -> SafeOptimum | None:
+        """What the best policies within the threshold can do, the model known; None: there is no shield."""
+        if self.threshold is None:
+            return None
+        return SafeOptimum(self.system, self.slip, self.threshold, self.place)
+
+    def value(self, policy: Floats) -> float:
+        """Return the expected undiscounted return of a policy, float64 [S, A] or [T, S, A]."""
+        return evaluator(self.model, self.horizon)(policy)
+
+    def starting(self, place: int) -> GroundTruth:
+        """Return the same for an episode that begins in location p and mode q, `place` being p * Q + q."""
+        initial = np.eye(1, self.model.num_states, place)[0]
+        return replace(self, model=replace(self.model, initial=initial), place=place)
 
 
-def supervised(met: Encounter, simulated: SimulatedSystem) -> Supervised:
-    """The same with its violations counted; none if nothing is unsafe there."""
-    nowhere = np.zeros(met.model.num_states - 1, dtype=np.bool_)
-    return Supervised(simulated, nowhere if met.unsafe is None else met.unsafe)
+def ground_truth(system: Combination, slip: float = 0.0, threshold: float | None = None) -> GroundTruth:
+    """Return the ground truth of a combination, its model made from the definition.
+
+    Args:
+        system: the combination.
+        slip: probability that an action does nothing.
+        threshold: of the shield; None: there is no shield.
+
+    Raises:
+        InputError: a reachable state has no action; names it. The probability is not in [0, 1).
+    """
+    return GroundTruth(system, slipping_model(system, slip), slip, threshold)

@@ -1,4 +1,4 @@
-"""Every adaptation strategy by its name.
+"""Make every adaptation strategy by its name.
 
 A name may have an argument after a colon: `pretrained:<combination>`.
 """
@@ -40,7 +40,7 @@ ALL = "all"
 
 @dataclass(frozen=True, eq=False)
 class StrategyContext:
-    """What strategies are made from; what takes time is made when first needed, and once.
+    """The means of strategies; an expensive one is made when first needed, and once.
 
     Attributes:
         run: a finished training run.
@@ -63,17 +63,17 @@ class StrategyContext:
 
     @cached_property
     def tasks(self) -> TaskBatch:
-        """The same as arrays."""
+        """The models of the base as arrays."""
         return self.batch(self.models)
 
     @cached_property
     def meta(self) -> MetaPolicy:
-        """What the run has learned."""
+        """The meta policy of the run."""
         return read_policy(self.run, self.tasks)
 
     @cached_property
     def hypotheses(self) -> HypothesisSpace:
-        """What the domain may be."""
+        """The hypotheses about the domain."""
         return hypothesis_space(self.run.case)
 
     @property
@@ -82,7 +82,7 @@ class StrategyContext:
         return self.models[0].valuations
 
     def tasks_named(self, names: Sequence[str]) -> TaskBatch:
-        """Combinations of the case as arrays, those outside the base too.
+        """Return combinations of the case as arrays, those outside the base too.
 
         Raises:
             InputError: there is no such combination.
@@ -96,7 +96,7 @@ class StrategyContext:
         )
 
     def pretrained(self, names: Sequence[str]) -> list[Floats]:
-        """float64 [S, A] for each combination: the policy learned for it.
+        """Return float64 [S, A] for each combination: the policy learned for it.
 
         Raises:
             InputError: there is no such combination, or a stored policy does not fit.
@@ -107,13 +107,13 @@ class StrategyContext:
         return pretrained_policies(self.run, self.meta.network, names, self.tasks_named)
 
     def having_learned(self, meta: MetaPolicy, hypotheses: HypothesisSpace) -> StrategyContext:
-        """The same with another meta policy and another prior; what was made already is kept."""
+        """Return a copy with another meta policy and another prior, which keeps all that was made already."""
         other = copy(self)
         other.__dict__.update(meta=meta, hypotheses=hypotheses)  # where cached properties are kept
         return other
 
     def batch(self, models: Sequence[TabularMDP]) -> TaskBatch:
-        """Canonical models as arrays."""
+        """Return canonical models as arrays."""
         horizon = self.run.case.combination_at(0).objective.horizon
         return task_batch(models, horizon, self.run.case.discount)
 
@@ -170,11 +170,11 @@ _MAKERS: Mapping[str, Maker] = {
 
 
 def make_strategy(name: str, context: StrategyContext, generator: np.random.Generator) -> Strategy:
-    """A strategy before any episode.
+    """Make a strategy before any episode.
 
     Args:
         name: one of `STRATEGIES`; `pretrained` with the name of a combination after a colon.
-        context: what it is made from.
+        context: its means.
         generator: of everything random in it.
 
     Raises:
@@ -186,7 +186,7 @@ def make_strategy(name: str, context: StrategyContext, generator: np.random.Gene
 
 
 def parse_strategy(name: str) -> tuple[str, str]:
-    """The strategy and its argument, which may be empty.
+    """Split a name into the strategy and its argument, which may be empty.
 
     Raises:
         InputError: there is no such strategy, or it takes another argument.
@@ -202,5 +202,5 @@ def parse_strategy(name: str) -> tuple[str, str]:
 
 
 def episodes_per_update(name: str, episodes_per_step: int) -> int:
-    """How many real episodes a policy update of a strategy takes."""
+    """Return the number of real episodes for a policy update of a strategy."""
     return episodes_per_step if parse_strategy(name)[0] in STEPPING else 1

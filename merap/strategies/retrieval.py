@@ -1,6 +1,6 @@
-"""The strategy `retrieval`: of the model base, play the case that fits best what was observed.
+"""The strategy `retrieval`: play the best policy of the model of the base that fits the observations best.
 
-Nothing is learned beyond which case it is; what no case has can't be found.
+It learns nothing beyond the choice of a case, so it never finds what no case has.
 
 Axes: N cases, T steps, S states, A declared actions, K successors.
 """
@@ -14,20 +14,19 @@ import numpy as np
 
 from merap.learning.tasks import TaskBatch
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.strategies.drawing import draw_action
 from merap.strategies.fixed import optimal_policy
 from merap.systems.interface import Observation
-from merap.systems.strategy import StateIndex
+from merap.systems.strategy import StateIndex, draw_action
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How well a case explains a step.
+    """Settings of the fit of a case to a step.
 
     Attributes:
         reward_deviation: standard deviation of observed rewards about a case's, in units of the
             range of the base's rewards.
-        unexplained: log-likelihood of a step that a case has no explanation for, and of finding
+        unexplained: log-likelihood of a step that a case can't explain, and of finding
             other actions enabled; none is worth less, so that one odd step refutes no case for good.
     """
 
@@ -44,7 +43,7 @@ class _Step:
 
 
 class RetrievalStrategy:
-    """Retrieves a case of the base after every episode; see `strategy.Strategy`.
+    """Retrieves a case of the base after every episode; see `systems.strategy.Strategy`.
 
     Args:
         names: of the N cases.
@@ -88,40 +87,40 @@ class RetrievalStrategy:
         self._retrieve()
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins or goes on."""
+        """Begin an episode, or go on with it."""
         self._look(observation)
         self._time = time
 
     def act(self, allowed: Bools) -> int:
-        """The retrieved case's best action, or any where it has none that is allowed."""
+        """Return the retrieved case's best action, or any allowed one where that is not allowed."""
         now = min(self._time, self._horizon - 1)
         return draw_action(self._policy[now, self._state], allowed, self._generator.random())
 
     def observe(self, action: int, observation: Observation) -> None:
-        """What a step has led to."""
+        """Note a step for the next update."""
         before = self._state
         self._look(observation)
         self._steps.append(_Step(before, action, self._state, observation.reward))
         self._time += 1
 
     def update(self) -> None:
-        """Retrieve the case that fits all that was observed best."""
+        """Retrieve the case that fits all observations best."""
         self._fit += self._fit_of_steps()
         self._steps = []
         self._retrieve()
 
     def revise(self) -> None:
-        """Forget how well each case has fitted; the one that was retrieved is played on."""
+        """Forget the fit of each case; the retrieved case is played on."""
         self._fit[:] = 0.0
         self._seen[:] = False
         self._steps = []
 
     def policy(self) -> Floats:
-        """float64 [T, S, A], the best of the retrieved case."""
+        """Return float64 [T, S, A], the best policy of the retrieved case."""
         return self._policy
 
     def explain(self) -> tuple[str, ...]:
-        """Which case, and how clearly."""
+        """Return the name of the case, and the lead of its fit."""
         best = self._fit.max()
         equal = int((self._fit >= best - 1e-9).sum())
         lines = [f"plays {self._names[self._retrieved]}, of {equal} cases that fit best"]
@@ -138,7 +137,7 @@ class RetrievalStrategy:
             self._fit += np.where(differs, self._settings.unexplained, 0.0)
 
     def _fit_of_steps(self) -> Floats:
-        """float64 [N], log-likelihood of the steps since the last update."""
+        """Return float64 [N], the log-likelihood of the steps since the last update."""
         state = np.array([step.state for step in self._steps], dtype=np.int64)
         action = np.array([step.action for step in self._steps], dtype=np.int64)
         target = np.array([step.target for step in self._steps], dtype=np.int64)

@@ -8,6 +8,9 @@ A declared actions, V state variables.
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
+from itertools import accumulate
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -103,3 +106,22 @@ def best_allowed(ranked: Floats, allowed: Bools) -> int:
         allowed: bool [A], not empty.
     """
     return int(np.where(allowed, ranked, -np.inf).argmax())
+
+
+def draw_action(shares: Floats, allowed: Bools, uniform: float) -> int:
+    """Draw an action by inversion from a row of a policy, among the allowed ones.
+
+    It is plain Python, since the calls of numpy cost more than a few additions.
+
+    Args:
+        shares: float64 [A], at least 0; where nothing of them is allowed, allowed actions are equal.
+        allowed: bool [A], not empty.
+        uniform: in [0, 1).
+    """
+    mask = allowed.tolist()
+    weights = [share if open_ else 0.0 for share, open_ in zip(shares.tolist(), mask, strict=True)]
+    bounds = list(accumulate(weights))
+    if bounds[-1] == 0:
+        bounds = list(accumulate(map(float, mask)))
+    # a product with a number below 1 may still be rounded up to the last bound
+    return bisect_right(bounds, min(uniform * bounds[-1], math.nextafter(bounds[-1], 0)))

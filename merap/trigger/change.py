@@ -66,7 +66,7 @@ class Totals:
 
 
 @dataclass(frozen=True)
-class Loss:
+class ChangeCost:
     """What a change costs.
 
     Attributes:
@@ -78,7 +78,7 @@ class Loss:
     deviations: float
 
 
-def estimated_loss(part: Totals, policy_value: float, settings: ChangeSettings) -> Loss:
+def estimated_loss(part: Totals, policy_value: float, settings: ChangeSettings) -> ChangeCost:
     """The loss over the episodes of `part`, of which there is at least one.
 
     Rewards count only if they are off by more than their noise explains; else they would hide a loss
@@ -93,7 +93,7 @@ def estimated_loss(part: Totals, policy_value: float, settings: ChangeSettings) 
     # Without any variance under the model a single loss is certain.
     certain = math.inf if excess > 0 else -math.inf
     deviations = excess / math.sqrt(variance) if variance > 0 else certain
-    return Loss(loss / part.episodes, deviations)
+    return ChangeCost(loss / part.episodes, deviations)
 
 
 class ChangeTrigger:

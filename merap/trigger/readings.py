@@ -29,7 +29,7 @@ NEAR = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class ObservedSteps:
     """Steps that were seen, on the canonical index.
 
     Attributes:
@@ -136,7 +136,7 @@ class Forecast:
         )
         self._near, self._num_near = _neighbourhoods(model)
 
-    def read(self, steps: Steps) -> Readings:
+    def read(self, steps: ObservedSteps) -> Readings:
         """Hold steps against the model."""
         choice = self._model.choice_table[steps.state, steps.action]
         branch = self._branches(choice, steps.target)
@@ -160,8 +160,8 @@ class Forecast:
         )
 
     def read_step(self, time: int, state: int, action: int, target: int, reward: float) -> Reading:
-        """Hold one step against the model; the arguments are those of `Steps`."""
-        steps = Steps(
+        """Hold one step against the model; the arguments are those of `ObservedSteps`."""
+        steps = ObservedSteps(
             time=np.array([time]),
             state=np.array([state]),
             action=np.array([action]),
@@ -192,7 +192,7 @@ class Forecast:
         mean = sum_by(step, prob * worth, len(choice))
         return mean, sum_by(step, prob * (worth - mean[step]) ** 2, len(choice))
 
-    def _likelihoods(self, steps: Steps, choice: Ints, branch: Ints) -> tuple[Floats, Floats]:
+    def _likelihoods(self, steps: ObservedSteps, choice: Ints, branch: Ints) -> tuple[Floats, Floats]:
         """Of the successors, under the model [M] and the watched changes [M, W + H]."""
         settings = self._settings
         anything = self._anything(steps)
@@ -208,7 +208,7 @@ class Forecast:
         under_change = (1 - share) * shifted + share * anything[:, np.newaxis]
         return np.log((1 - floor) * prob + floor * anything), np.log(under_change)
 
-    def _anything(self, steps: Steps) -> Floats:
+    def _anything(self, steps: ObservedSteps) -> Floats:
         """float64 [M], probability of the successors if anything can happen."""
         num_states = self._model.num_states
         key = steps.state * num_states + steps.target

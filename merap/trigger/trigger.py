@@ -62,7 +62,7 @@ class Trigger(Protocol):
         """Take in a step; an alarm if it is time to re-plan."""
 
     def missed(self) -> None:
-        """Steps follow of which neither the reward nor where they led is known."""
+        """Take note that the coming steps are unobserved."""
 
     def episode_over(self) -> Alarm | None:
         """No more steps of this episode follow; an alarm if it is time to re-plan."""

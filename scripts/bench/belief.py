@@ -25,8 +25,7 @@ from rich.table import Table
 
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import load_case
-from merap.systems.simulated import SimulatedSystem
-from scripts.bench.belief_quality import Meeting, drawn_figures, meeting
+from scripts.bench.belief_quality import BeliefProblem, belief_problem, drawn_figures
 from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -78,8 +77,8 @@ def speed(json_file: Json = None, episodes: int = 5) -> None:
         path = Path(folder) / "large.yaml"
         path.write_text((MODELS / name).read_text(encoding="utf-8").replace(small, large), encoding="utf-8")
         began = time.perf_counter()
-        met = meeting(load_case(path), CONDITIONS[-1])
-        seconds = {"prepare": [time.perf_counter() - began], **_timed(met, episodes)}
+        problem = belief_problem(load_case(path), CONDITIONS[-1])
+        seconds = {"prepare": [time.perf_counter() - began], **_timed(problem, episodes)}
     rows = [
         {"call": call, "longest": max(each), "mean": statistics.mean(each), "calls": len(each)}
         for call, each in seconds.items()
@@ -87,11 +86,10 @@ def speed(json_file: Json = None, episodes: int = 5) -> None:
     _report("seconds", rows, {name: name for name in ("call", "longest", "mean", "calls")}, json_file)
 
 
-def _timed(met: Meeting, episodes: int) -> dict[str, list[float]]:
+def _timed(problem: BeliefProblem, episodes: int) -> dict[str, list[float]]:
     """Seconds of every call of the strategy."""
-    horizon, condition = met.system.objective.horizon, met.condition
     of_system, of_strategy = np.random.default_rng(0).spawn(2)
-    system = SimulatedSystem(met.system, horizon, of_system, slip=condition.slip, noise=condition.noise)
+    system = problem.simulated(of_system)
     seconds: dict[str, list[float]] = {}
 
     def timed(name: str, call: Callable[[], T]) -> T:
@@ -100,7 +98,7 @@ def _timed(met: Meeting, episodes: int) -> dict[str, list[float]]:
         seconds.setdefault(name, []).append(time.perf_counter() - began)
         return result
 
-    strategy = BeliefStrategy(met.hypotheses, horizon, of_strategy)
+    strategy = BeliefStrategy(problem.hypotheses, problem.truth.horizon, of_strategy)
     for _ in range(episodes):
         seen = system.reset()
         timed("begin", partial(strategy.begin, seen))

@@ -16,50 +16,49 @@ import numpy as np
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Combination
-from merap.mdp.model import TabularMDP
-from merap.strategies.evaluation import Range, Run
-from merap.strategies.protocol import reachable_range
+from merap.strategies.evaluation import Run
+from merap.strategies.ground_truth import GroundTruth, ground_truth
 from merap.systems.simulated import SimulatedSystem
-from merap.systems.slip import slipping_model
 from scripts.bench.drawn_grids import drawn_case
 from scripts.bench.following import Lengths, NoiseCondition, followed, outside_of
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
-    """A system under a condition, and all that strategies and scores are made from.
+class BeliefProblem:
+    """A system for the belief strategy to adapt to.
 
     Attributes:
-        system: what is met.
-        condition: under which.
+        truth: the system as it really is.
+        condition: of its episodes.
         hypotheses: of its case.
-        model: the true one, slip included.
-        reachable: what any policy can earn.
     """
 
-    system: Combination
+    truth: GroundTruth
     condition: NoiseCondition
     hypotheses: HypothesisSpace
-    model: TabularMDP
-    reachable: Range
+
+    def simulated(self, generator: np.random.Generator) -> SimulatedSystem:
+        """Make the system."""
+        condition, truth = self.condition, self.truth
+        return SimulatedSystem(
+            truth.system, truth.horizon, generator, slip=condition.slip, noise=condition.noise
+        )
 
 
-def meeting(case: CaseStudy, condition: NoiseCondition) -> Meeting:
-    """The system `met` of a case."""
-    system = case.system("met")
-    model = slipping_model(system, condition.slip)
-    reachable = reachable_range(model, system.objective.horizon)
-    return Meeting(system, condition, hypothesis_space(case), model, reachable)
+def belief_problem(case: CaseStudy, condition: NoiseCondition) -> BeliefProblem:
+    """Make the problem of the system `met` of a case."""
+    truth = ground_truth(case.system("met"), condition.slip)
+    return BeliefProblem(truth, condition, hypothesis_space(case))
 
 
-def followed_belief(met: Meeting, seed: int, lengths: Lengths) -> tuple[Run, BeliefStrategy]:
-    """One adaptation, and the strategy as it is after it."""
+def followed_belief(problem: BeliefProblem, seed: int, lengths: Lengths) -> tuple[Run, BeliefStrategy]:
+    """Adapt once; return the run, and the strategy after it."""
     of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-    horizon, condition = met.system.objective.horizon, met.condition
-    strategy = BeliefStrategy(met.hypotheses, horizon, of_strategy)
-    simulated = SimulatedSystem(met.system, horizon, of_system, slip=condition.slip, noise=condition.noise)
-    return followed(seed, simulated, strategy, met.model, met.reachable, horizon, lengths), strategy
+    truth = problem.truth
+    strategy = BeliefStrategy(problem.hypotheses, truth.horizon, of_strategy)
+    simulated = problem.simulated(of_system)
+    run = followed(seed, simulated, strategy, truth.model, truth.reachable, truth.horizon, lengths)
+    return run, strategy
 
 
 def drawn_figures(
@@ -75,15 +74,15 @@ def drawn_figures(
     """
     for number in numbers:
         case = drawn_case(number, folder)
-        met = meeting(case, condition)
-        run, strategy = followed_belief(met, number, lengths)
+        problem = belief_problem(case, condition)
+        run, strategy = followed_belief(problem, number, lengths)
         yield {
             "case": case.name,
             "condition": condition.name,
             "outside": outside_of(case),
             "locations": case.space.num_locations,
             "models": case.size,
-            "optimum": met.reachable.optimum,
+            "optimum": problem.truth.reachable.optimum,
             "final": run.curve[-1].expected_return,
             "episodes": run.episodes_to_within_5_percent,
             "regret": run.sampled_regret,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from merap.concerns.case_study import CaseStudy
 from merap.mdp.model import TabularMDP
-from merap.strategies.evaluation import Range, Row, Run, judged, lasting
-from merap.strategies.protocol import adaptation, evaluator
+from merap.strategies.evaluation import Range, Row, Run, evaluator, judged, lasting
+from merap.strategies.protocol import adaptation
 from merap.systems.interface import ManagedSystem
 from merap.systems.strategy import Strategy
 

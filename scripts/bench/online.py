@@ -68,7 +68,7 @@ def online(
     """
     names = strategy or COMPARED
     lengths = Lengths(regret_episodes, max_episodes)
-    met = [
+    chosen = [
         (one, [name for name in names if condition or one == UNDISTURBED or name == BELIEF])
         for one in (chosen_conditions(condition) if condition else CONDITIONS)
     ]
@@ -77,15 +77,15 @@ def online(
         for number, path in enumerate(track(case or CASES, "cases")):
             study = load_case(MODELS / path)
             run = train(study, Path(folder) / str(number), TrainingConfig(seed=training_seed))
-            for one, some in met:
+            for one, some in chosen:
                 rows.extend(strategy_figures(run, some, one, range(seeds), lengths, episodes_per_step))
             if json_file is not None:
                 json_file.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     console = Console()
     console.width = max(console.width, WIDTH)
-    tables = [_compared(rows, one) for one, some in met if len(some) > 1 or len(met) == 1]
-    if len(met) > 1:
-        tables.append(_disturbed(rows, [one.name for one, _ in met]))
+    tables = [_compared(rows, one) for one, some in chosen if len(some) > 1 or len(chosen) == 1]
+    if len(chosen) > 1:
+        tables.append(_disturbed(rows, [one.name for one, _ in chosen]))
     console.print(*tables, sep="\n")
     console.print(
         f"{seeds} seeds, at most {max_episodes} episodes, {episodes_per_step} for a gradient step; "

@@ -79,11 +79,11 @@ def _adapted(
     threshold: float | None,
     generator: np.random.Generator,
 ) -> tuple[Safety, list[float]]:
-    met = case.system(system)
-    horizon, unsafe = met.objective.horizon, unsafe_of(met)
+    combination = case.system(system)
+    horizon, unsafe = combination.objective.horizon, unsafe_of(combination)
     assert unsafe is not None
     of_system, of_strategy = generator.spawn(2)
-    supervised = Supervised(SimulatedSystem(met, horizon, of_system, detect=True), unsafe)
+    supervised = Supervised(SimulatedSystem(combination, horizon, of_system, detect=True), unsafe)
     acting: Strategy
     if strategy == RANDOM:
         acting = RandomStrategy((space.num_states + 1, len(space.actions)), of_strategy)

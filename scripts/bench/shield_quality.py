@@ -58,18 +58,18 @@ def shield_figures(
         episodes: of all robots together, who are `ROBOTS` or, for fewer episodes, as many as those.
         seed: of everything random.
     """
-    met = case.system(system)
-    models = [_model(one) for one in _known(case, met)]
+    combination = case.system(system)
+    models = [_model(one) for one in _known(case, combination)]
     robots = min(ROBOTS, episodes)
     for threshold in (None, *thresholds):
         begin = time.perf_counter()
         found = explore(
-            _model(met),
+            _model(combination),
             models,
             Habits(threshold),
             robots=robots,
             episodes=max(1, episodes // robots),
-            horizon=met.objective.horizon,
+            horizon=combination.objective.horizon,
             generator=np.random.default_rng(seed),
         )
         yield {
@@ -81,9 +81,9 @@ def shield_figures(
         }
 
 
-def _known(case: CaseStudy, met: Combination) -> list[Combination]:
+def _known(case: CaseStudy, combination: Combination) -> list[Combination]:
     """The combinations with the objective that is met."""
-    return [one for one in case.combinations() if one.objective.name == met.objective.name]
+    return [one for one in case.combinations() if one.objective.name == combination.objective.name]
 
 
 def _model(combination: Combination) -> TabularMDP:

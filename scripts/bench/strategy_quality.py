@@ -11,8 +11,8 @@ import numpy as np
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.strategies.adaptation import best_median_worst, values_of_pretrained
+from merap.strategies.adaptation_problem import AdaptationProblem, Conditions, adaptation_problem
 from merap.strategies.evaluation import Run, summary
-from merap.strategies.ground_truth import Conditions, Encounter, encounter, met_system
 from merap.strategies.registry import ALL, PRETRAINED, STRATEGIES
 from scripts.bench.following import Lengths, NoiseCondition, followed, outside_of
 
@@ -32,28 +32,30 @@ def strategy_figures(
     Args:
         run: a finished training run.
         strategies: their names.
-        condition: under which the system is met.
+        condition: under which the system is problem.
         seeds: of the adaptations.
         lengths: how long each is followed.
         episodes_per_step: real episodes of a gradient step.
     """
     conditions = Conditions(condition.noise, condition.slip)
-    met = encounter(run, run.case.system("met"), episodes_per_step=episodes_per_step, conditions=conditions)
+    problem = adaptation_problem(
+        run, run.case.system("met"), episodes_per_step=episodes_per_step, conditions=conditions
+    )
     for name in strategies:
         began = time.perf_counter()
-        played = _played(met, name)
+        played = _played(problem, name)
         prepared = time.perf_counter() - began
         for shown, strategy in played.items():
             began = time.perf_counter()
             with one_thread():
-                runs = [_followed(met, strategy, seed, lengths) for seed in seeds]
+                runs = [_followed(problem, strategy, seed, lengths) for seed in seeds]
             yield {
                 "case": run.case.name,
                 "condition": condition.name,
                 "outside": outside_of(run.case),
                 "strategy": shown,
                 "played": strategy,
-                "optimum": met.reachable.optimum,
+                "optimum": problem.truth.reachable.optimum,
                 "regret_episodes": lengths.least,
                 "seconds_to_prepare": prepared,
                 "seconds_per_seed": (time.perf_counter() - began) / len(seeds),
@@ -61,17 +63,25 @@ def strategy_figures(
             }
 
 
-def _played(met: Encounter, name: str) -> dict[str, str]:
+def _played(problem: AdaptationProblem, name: str) -> dict[str, str]:
     """The strategies that a name stands for, each by its name in tables; policies are learned here."""
     if name != f"{PRETRAINED}:{ALL}":
-        met.strategy(name, np.random.default_rng(0))
+        problem.strategy(name, np.random.default_rng(0))
         return {name: name}
-    chosen = best_median_worst(values_of_pretrained(met))
+    chosen = best_median_worst(values_of_pretrained(problem))
     places = zip(("best", "median", "worst"), chosen, strict=True)
     return {f"{PRETRAINED}, {place}": f"{PRETRAINED}:{combination}" for place, combination in places}
 
 
-def _followed(met: Encounter, name: str, seed: int, lengths: Lengths) -> Run:
+def _followed(problem: AdaptationProblem, name: str, seed: int, lengths: Lengths) -> Run:
     of_system, of_strategy = np.random.default_rng(seed).spawn(2)
-    strategy, simulated = met.strategy(name, of_strategy), met_system(met, of_system)
-    return followed(seed, simulated, strategy, met.model, met.reachable, met.context.horizon, lengths)
+    strategy, simulated = problem.strategy(name, of_strategy), problem.simulated(of_system)
+    return followed(
+        seed,
+        simulated,
+        strategy,
+        problem.truth.model,
+        problem.truth.reachable,
+        problem.context.horizon,
+        lengths,
+    )

@@ -33,7 +33,7 @@ class Trace:
     Attributes:
         evidence: float64 [M], logarithm of the e-detector.
         ends: int64 [J], the steps that end an episode.
-        deviations: float64 [J], of the loss there, see `change.Loss`.
+        deviations: float64 [J], of the loss there, see `change.ChangeCost`.
     """
 
     evidence: Floats

@@ -25,8 +25,8 @@ from merap.mdp.assembly import sum_by
 from merap.mdp.evaluation import choice_weights
 from merap.mdp.matching import match_keys
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.strategies.protocol import executed
-from merap.trigger.readings import Steps
+from merap.strategies.evaluation import executed
+from merap.trigger.readings import ObservedSteps
 from scripts.bench.trigger_streams import Known, gaussian, stream
 
 # Drawn windows: a power near 0.95 has a standard error of 0.5 %.
@@ -55,7 +55,7 @@ class Ratio:
         """float64 [B], mean of the logarithm over the noise."""
         return self.log_odds + (self.reward - self.expected) ** 2 / (2 * self.noise**2)
 
-    def logs(self, steps: Steps) -> Floats:
+    def logs(self, steps: ObservedSteps) -> Floats:
         """float64 [M], the logarithm for steps of what is there."""
         key = _key(self.real, steps.state, steps.action, steps.target)
         branch = match_keys(key, _keys(self.real))

@@ -17,7 +17,7 @@ from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats, TabularMDP
 from merap.systems.slip import slipping_model
-from merap.trigger.readings import Readings, Steps, joined
+from merap.trigger.readings import ObservedSteps, Readings, joined
 from merap.trigger.settings import ChangeSettings, WindowSettings
 from scripts.bench.trigger_batch import first_alarm, trace, window_rewards
 from scripts.bench.trigger_streams import Effect, Known, Noise, effect, gaussian, known, stream
@@ -59,7 +59,9 @@ class World:
         """The combination as it really is."""
         return slipping_model(combination, self.slip if self.real_slip is None else self.real_slip)
 
-    def episodes(self, before: Known, real: TabularMDP, count: int, generator: np.random.Generator) -> Steps:
+    def episodes(
+        self, before: Known, real: TabularMDP, count: int, generator: np.random.Generator
+    ) -> ObservedSteps:
         """Episodes as they are really seen, but for those that are lost."""
         return stream(before, real, count, self.real_noise or gaussian(self.noise), generator)
 

@@ -15,9 +15,9 @@ from merap.mdp.evaluation import as_policy, expected_return
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.planning import backward_induction, worst_value
 from merap.mdp.simulation import simulator
-from merap.strategies.protocol import executed
+from merap.strategies.evaluation import executed
 from merap.systems.slip import slipping_model
-from merap.trigger.readings import Forecast, Steps
+from merap.trigger.readings import Forecast, ObservedSteps
 from merap.trigger.settings import ChangeSettings
 
 # float64 [M] of noise on rewards, from a generator and M.
@@ -104,7 +104,7 @@ def _differ(one: TabularMDP, other: TabularMDP, state: Ints, action: Ints) -> bo
 
 def stream(
     before: Known, real: TabularMDP, episodes: int, noise: Noise, generator: np.random.Generator
-) -> Steps:
+) -> ObservedSteps:
     """Episodes of the known model's policy on the real one, one after the other.
 
     Args:
@@ -149,9 +149,9 @@ def _flat(
     going: Bools,
     noise: Noise,
     generator: np.random.Generator,
-) -> Steps:
+) -> ObservedSteps:
     time = np.broadcast_to(np.arange(going.shape[1]), going.shape)[going]
-    return Steps(
+    return ObservedSteps(
         time=time,
         state=seen["state"][going],
         action=seen["action"][going],

@@ -10,7 +10,7 @@ import pytest
 from merap.belief.outside import Outside
 from merap.belief.posterior import concern_weights, prior_belief, reweighted, weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.belief.update import Step, observe_detections, observe_step
+from merap.belief.update import ObservedStep, observe_detections, observe_step
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.errors import InputError
@@ -80,7 +80,7 @@ def test_what_couples_dynamics_and_objective_is_kept_exactly(tmp_path: Path) -> 
     """
     case = load_case(write_case(tmp_path, DRIFT))
     space = hypothesis_space(case, noise=NOISE)
-    ended = Seen((0, 1), Step(0, 1, space.num_states, -0.5))
+    ended = Seen((0, 1), ObservedStep(0, 1, space.num_states, -0.5))
     environments, capabilities, objectives = case.shape
     belief = inferred(case, space, [ended])
     found = joint(space, belief)[:environments, :capabilities, 0, :objectives]
@@ -177,7 +177,7 @@ def test_support_of_the_paper_is_kept_whole() -> None:
     assert (len(space.environment_names) - 1) * (len(space.capability_names) - 1) * 9 == 27_027
     belief = prior_belief(space)
     right = space.case.actions.index("right")
-    belief = observe_step(space, belief, Step(0, right, 1, -0.5))
+    belief = observe_step(space, belief, ObservedStep(0, right, 1, -0.5))
     environment, _, _ = concern_weights(space, belief)
     open_first = ~space.blocked[:-1, 1]
     # Closed under every environment that has an obstacle there: none of them is left at w < 1.
@@ -191,7 +191,7 @@ def test_an_obstacle_and_no_entry_share_the_blame_as_in_the_prior(tmp_path: Path
     belief = prior_belief(space)
     left = case.actions.index("down")
     for _ in range(20):
-        belief = observe_step(space, belief, Step(0, left, 0, -0.5))
+        belief = observe_step(space, belief, ObservedStep(0, left, 0, -0.5))
     environment, capability, _ = concern_weights(space, belief)
     # An obstacle at r1c0 or no entry there, equally likely: by symmetry of the prior.
     assert environment[-1] == pytest.approx(capability[-1], rel=1e-6)
@@ -202,7 +202,7 @@ def test_an_impossible_observation_is_left_out_and_counted(tmp_path: Path) -> No
     case = load_case(write_case(tmp_path, STRIP))
     space = hypothesis_space(case)
     belief = prior_belief(space)
-    after = observe_step(space, belief, Step(0, 0, 5, -0.5))
+    after = observe_step(space, belief, ObservedStep(0, 0, 5, -0.5))
     assert after.unexplained == 1
     np.testing.assert_array_equal(after.dynamics, belief.dynamics)
 
@@ -215,7 +215,7 @@ def test_noise_is_estimated(tmp_path: Path) -> None:
     sigma = float(space.noises[3])
     for _ in range(200):
         reward = -0.5 + sigma * float(generator.normal())
-        belief = observe_step(space, belief, Step(0, 0, 0, reward))
+        belief = observe_step(space, belief, ObservedStep(0, 0, 0, reward))
     assert weights(belief)[1].sum(axis=0)[3] > 0.95
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from merap.belief.model import DomainModel, mean_model, sampled_model, tabular
-from merap.belief.planning import Plan, plan, policy_values
+from merap.belief.planning import FinitePlan, plan, policy_values
 from merap.belief.posterior import prior_belief
 from merap.belief.refinement import Refinement, RefinementSettings, model_tasks
 from merap.belief.space import HypothesisSpace, hypothesis_space
@@ -21,7 +21,7 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.running import tasks_of, train
 from merap.mdp.evaluation import expected_return as value_on
 from merap.mdp.model import Floats
-from merap.strategies.protocol import executed
+from merap.strategies.evaluation import executed
 from tests.support.belief_routes import STRIP
 from tests.support.case_examples import GRAPH, write_case
 
@@ -44,7 +44,7 @@ def drawn(space: HypothesisSpace, count: int) -> list[DomainModel]:
     return [sampled_model(space, prior_belief(space), generator) for _ in range(count)]
 
 
-def best_policy(best: Plan) -> Floats:
+def best_policy(best: FinitePlan) -> Floats:
     return np.eye(best.ranked.shape[2])[best.actions]
 
 

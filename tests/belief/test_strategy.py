@@ -10,7 +10,7 @@ import pytest
 from merap.belief import strategy as module
 from merap.belief.explanation import summarise
 from merap.belief.model import DomainModel
-from merap.belief.planning import Plan, Refined, plan
+from merap.belief.planning import FinitePlan, Refined, plan
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefSettings, BeliefStrategy
@@ -18,8 +18,7 @@ from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
 from merap.families.build import model_of
 from merap.mdp.model import Floats, TabularMDP
-from merap.strategies.evaluation import Run
-from merap.strategies.protocol import evaluator, reachable_range
+from merap.strategies.evaluation import Run, evaluator, reachable_range
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex
@@ -115,7 +114,7 @@ def test_a_better_policy_than_the_plan_is_taken() -> None:
     horizon = system.objective.horizon
     asked: list[Belief] = []
 
-    def idle(belief: Belief, best: Plan, planned: Floats, start: Floats) -> Refined:
+    def idle(belief: Belief, best: FinitePlan, planned: Floats, start: Floats) -> Refined:
         asked.append(belief)
         assert planned.shape == best.ranked.shape
         assert start.sum() == pytest.approx(1)
@@ -152,11 +151,11 @@ def test_after_a_gap_it_plans_for_the_steps_that_remain(monkeypatch: pytest.Monk
     planned: list[int] = []
     starts: list[int] = []
 
-    def noted(model: DomainModel, steps: int, *others: Any, **named: Any) -> Plan:
+    def noted(model: DomainModel, steps: int, *others: Any, **named: Any) -> FinitePlan:
         planned.append(steps)
         return plan(model, steps, *others, **named)
 
-    def judged(belief: Belief, best: Plan, policy: Floats, start: Floats) -> Refined:
+    def judged(belief: Belief, best: FinitePlan, policy: Floats, start: Floats) -> Refined:
         starts.append(int(start.argmax()))
         return Refined(None, 0.0, 1.0)
 

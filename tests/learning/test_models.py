@@ -25,8 +25,9 @@ from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
+from merap.strategies.evaluation import evaluator
 from merap.strategies.gradient import GradientStrategy
-from merap.strategies.protocol import adaptation, evaluator
+from merap.strategies.protocol import adaptation
 from merap.systems.gymnasium import GymnasiumSystem
 from tests.support.learning_examples import seeded
 from tests.support.mdp_examples import jump_grid

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from merap.belief.posterior import concern_weights
-from merap.belief.remembering import SHARE
+from merap.belief.prior_update import SHARE
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.mapek.analyzer import PATIENCE, Analyzer
-from merap.mapek.messages import AdaptedPolicy, Sighting, Transition
+from merap.mapek.messages import AdaptedPolicy
 from merap.mdp.model import Floats
 from merap.mdp.planning import optimum
 from merap.strategies.fixed import optimal_policy
+from merap.systems.sightings import Sighting, Transition
 from merap.trigger.trigger import Alarm
 from tests.support.loop_examples import Doubtful, monitored, seen
 from tests.support.trained_runs import grid_case

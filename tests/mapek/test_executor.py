@@ -3,20 +3,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 
-from merap.belief.space import hypothesis_space
 from merap.errors import MerapError
 from merap.mapek.executor import MAX_FAULTS, Executor
-from merap.mapek.loop_shield import LoopShield
 from merap.mapek.messages import Plan
-from merap.shield.learning_shield import ShieldSettings
 from merap.systems.interface import Observation
-from tests.support.loop_examples import NUM_ACTIONS, monitored, seen
-from tests.support.shield_examples import gutter
+from tests.support.loop_examples import seen
 
 PLAN = Plan(4, "policy")
 
@@ -48,7 +42,7 @@ class Scripted:
 
 def test_what_is_planned_is_done() -> None:
     system = Scripted(seen(0, 0), seen(0, 1))
-    executor = Executor(system, None)
+    executor = Executor(system)
     assert executor.reset().action is None
     execution = executor.execute(PLAN)
     assert execution.observation is not None
@@ -57,7 +51,7 @@ def test_what_is_planned_is_done() -> None:
 
 
 def test_a_fault_is_reported_and_the_episode_goes_on() -> None:
-    executor = Executor(Scripted(seen(0, 0), "no answer", seen(0, 1), "no answer", seen(0, 2)), None)
+    executor = Executor(Scripted(seen(0, 0), "no answer", seen(0, 1), "no answer", seen(0, 2)))
     executor.reset()
     found = [executor.execute(PLAN) for _ in range(4)]
     assert [execution.fault for execution in found] == ["no answer", None, "no answer", None]
@@ -65,7 +59,7 @@ def test_a_fault_is_reported_and_the_episode_goes_on() -> None:
 
 
 def test_after_faults_in_a_row_the_episode_is_given_up() -> None:
-    executor = Executor(Scripted(seen(0, 0), *["no answer"] * MAX_FAULTS, seen(0, 0), "no answer"), None)
+    executor = Executor(Scripted(seen(0, 0), *["no answer"] * MAX_FAULTS, seen(0, 0), "no answer"))
     executor.reset()
     over = [executor.execute(PLAN).over for _ in range(MAX_FAULTS)]
     assert over == [False] * (MAX_FAULTS - 1) + [True]
@@ -74,16 +68,8 @@ def test_after_faults_in_a_row_the_episode_is_given_up() -> None:
 
 
 def test_an_episode_that_can_not_begin_is_over() -> None:
-    execution = Executor(Scripted("connection refused"), None).reset()
+    execution = Executor(Scripted("connection refused")).reset()
     assert (execution.observation, execution.fault, execution.over) == (None, "connection refused", True)
-
-
-def test_without_a_shield_everything_enabled_is_allowed() -> None:
-    executor = Executor(Scripted(), None)
-    assert executor.allowed(monitored(3)).all()
-    assert executor.mask() is None
-    table = np.full((82, NUM_ACTIONS), 1 / NUM_ACTIONS)
-    assert executor.carried_out(table) is table
 
 
 @pytest.mark.parametrize(
@@ -95,7 +81,7 @@ def test_without_a_shield_everything_enabled_is_allowed() -> None:
     ],
 )
 def test_rubbish_is_a_fault(rubbish: Observation, complaint: str) -> None:
-    executor = Executor(Scripted(seen(0, 0), rubbish), None)
+    executor = Executor(Scripted(seen(0, 0), rubbish))
     executor.reset()
     fault = executor.execute(PLAN).fault
     assert fault is not None
@@ -105,20 +91,6 @@ def test_rubbish_is_a_fault(rubbish: Observation, complaint: str) -> None:
 def test_what_a_guarded_system_has_taken_in_its_place_is_what_was_done() -> None:
     """A fallback, for instance: the analyzer must not take it for the planned action."""
     guarded = Scripted(replace(seen(0, 0), taken=0), seen(0, 0))
-    executor = Executor(guarded, None)
+    executor = Executor(guarded)
     assert executor.execute(PLAN).action == 0
     assert executor.execute(PLAN).action == PLAN.action
-
-
-def test_the_shield_is_told_what_was_executed_and_what_may_have_been(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[tuple[int, bool]] = []
-    space = hypothesis_space(gutter(tmp_path))
-    shield = LoopShield(space, 10, ShieldSettings(0.0))
-    monkeypatch.setattr(shield, "took", lambda action, *, surely: told.append((action, surely)))
-    executor = Executor(Scripted(seen(0, 0), seen(0, 1), replace(seen(0, 1), taken=0), "no answer"), shield)
-    executor.reset()
-    for _ in range(3):
-        executor.execute(PLAN)
-    assert told == [(4, True), (0, True), (4, False)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from merap.mapek.learner import Learner
-from merap.mapek.messages import Sighting, Transition
+from merap.systems.sightings import Sighting, Transition
 from tests.support.loop_examples import Told, monitored, seen
 
 START = Sighting(0, seen(0, 0), 0)
@@ -29,10 +29,10 @@ def learner(made: list[Told], per_update: int = 1, *, restart: bool = True) -> L
 
 def episode(learning: Learner) -> int | None:
     """A step to the right, and the end; the number of the update, if there was one."""
-    learning.begin()
+    learning.begin_episode()
     for news in (START, RIGHT, ENDED):
-        learning.observe(monitored(0, [news]))
-    policy = learning.end()
+        learning.learn_from(monitored(0, [news]))
+    policy = learning.end_episode()
     return None if policy is None else policy.update
 
 
@@ -87,38 +87,38 @@ def test_a_replanning_amid_an_episode_begins_where_the_system_is(restart: bool) 
     """Nothing is resumed: what was seen before it is dropped with the strategy, or by it."""
     made: list[Told] = []
     learning = learner(made, restart=restart)
-    learning.begin()
-    learning.observe(monitored(0, [START]))
+    learning.begin_episode()
+    learning.learn_from(monitored(0, [START]))
     learning.replan()
-    learning.observe(monitored(1, [RIGHT]))
+    learning.learn_from(monitored(1, [RIGHT]))
     assert made[-1].calls[-1] == "begin at 1 in [0, 1]"
 
 
 def test_after_a_gap_the_strategy_goes_on_at_the_time_that_it_is() -> None:
     made: list[Told] = []
     learning = learner(made)
-    learning.begin()
+    learning.begin_episode()
     for news in (START, Sighting(20, seen(2, 2), 5), Transition(5, 20, 4, 21, seen(2, 3))):
-        learning.observe(monitored(None, [news]))
+        learning.learn_from(monitored(None, [news]))
     assert made[0].calls == ["begin [0, 0]", "begin resumed at 5 in [2, 2]", "4 to [2, 3]"]
 
 
 def test_an_episode_whose_beginning_was_not_seen_does_not_go_on_with_the_one_before() -> None:
     made: list[Told] = []
     learning = learner(made, per_update=2)
-    learning.begin()
-    learning.observe(monitored(0, [START]))
-    learning.begin()
-    learning.observe(monitored(20, [Sighting(20, seen(2, 2), 3)]))
+    learning.begin_episode()
+    learning.learn_from(monitored(0, [START]))
+    learning.begin_episode()
+    learning.learn_from(monitored(20, [Sighting(20, seen(2, 2), 3)]))
     assert made[0].calls == ["begin [0, 0]", "begin at 3 in [2, 2]"]
 
 
 def test_an_episode_of_which_nothing_was_seen_is_none() -> None:
     made: list[Told] = []
     learning = learner(made)
-    learning.begin()
-    learning.observe(monitored(81, [Sighting(81, seen(-1, -1, ended=True), 2)], last=True))
-    assert learning.end() is None
+    learning.begin_episode()
+    learning.learn_from(monitored(81, [Sighting(81, seen(-1, -1, ended=True), 2)], last=True))
+    assert learning.end_episode() is None
     assert made[0].calls == []
 
 

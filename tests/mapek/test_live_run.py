@@ -27,7 +27,8 @@ from merap.mapek.scenario import Scenario
 from merap.mapek.serving import served_scenario
 from merap.mdp.planning import optimum
 from merap.report.timeline import draw_timeline
-from merap.strategies.protocol import episode, evaluator
+from merap.strategies.evaluation import evaluator
+from merap.strategies.protocol import episode
 from merap.systems.faults import SystemFault
 from merap.systems.retrying import GuardedSystem, Retries
 from merap.systems.served_dialect import open_served

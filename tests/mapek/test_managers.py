@@ -11,7 +11,7 @@ from merap.learning.run_folder import RunFolder
 from merap.mapek.managers import MANAGERS, Manager, RandomStrategy, ReactiveStrategy, make_manager
 from merap.mapek.scenario_schema import StrategySpec
 from merap.mdp.planning import optimum, worst_value
-from merap.strategies.protocol import executed
+from merap.strategies.evaluation import executed
 from merap.strategies.registry import StrategyContext
 from merap.systems.interface import Observation
 from tests.support.grid_tasks import HORIZON, grid_model, grid_task

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from merap.mapek.learner import Learner
-from merap.mapek.messages import Analysis, Phase, Plan, Sighting
+from merap.mapek.messages import Analysis, Phase, Plan
 from merap.mapek.planner import Late, Planner
 from merap.mdp.model import Bools, Floats
 from merap.systems.deadline import Lateness, Punctual
+from merap.systems.sightings import Sighting
 from tests.support.loop_examples import NUM_ACTIONS, Told, monitored, seen
 
 EXPLORED, FALLBACK = 3, 2
@@ -33,7 +34,7 @@ class Slow(Told):
 
 def ready(strategy: Told) -> Learner:
     learning = Learner(lambda generator: strategy, np.random.default_rng(0))
-    learning.observe(monitored(HERE, [Sighting(HERE, seen(0, 7), 0)]))
+    learning.learn_from(monitored(HERE, [Sighting(HERE, seen(0, 7), 0)]))
     return learning
 
 

@@ -10,7 +10,6 @@ import pytest
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
-from merap.mapek.ground_truth import truths
 from merap.mapek.scenario import read_scenario
 from merap.mapek.scenario_schema import NoiseSpec
 from merap.mapek.scenario_system import ScenarioSystem
@@ -47,8 +46,7 @@ def system(
     path = folder / "scenario.yaml"
     path.write_text(CHANGES.format(first=first, second=second))
     spec = noise or NoiseSpec()
-    found = truths(read_scenario(path).stages(case), spec.slip)
-    return ScenarioSystem(found, spec, reset, np.random.default_rng(seed))
+    return ScenarioSystem(read_scenario(path).stages(case), spec, reset, np.random.default_rng(seed))
 
 
 def played(simulated: ScenarioSystem, actions: list[int]) -> list[float]:
@@ -82,7 +80,7 @@ def test_a_change_that_would_wall_the_system_in_waits(tmp_path: Path) -> None:
         "scenario: wall\nsystem: met\nepisodes: 1\nchanges:\n"
         "  - {at: {episode: 0, step: 1}, environment: {blocked: [[0, 1], [3, 2], [4, 2], [4, 3]]}}\n"
     )
-    stages = truths(read_scenario(path).stages(grid), 0.0)
+    stages = read_scenario(path).stages(grid)
     simulated = ScenarioSystem(stages, NoiseSpec(), "episodes", np.random.default_rng(0))
     simulated.reset()
     assert simulated.step(RIGHT).valuation.tolist()[:2] == [0, 1]
@@ -168,8 +166,8 @@ def test_left_out_an_episode_begins_as_the_system_says(tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text("scenario: lasting\nsystem: {objective: {goal: [0, 2]}, reset: none}\nepisodes: 2\n")
     read = read_scenario(path)
-    found = truths(read.stages(load_case(GRID)), 0.0)
-    lasting = ScenarioSystem(found, read.spec.noise, read.spec.reset, np.random.default_rng(0))
+    stages = read.stages(load_case(GRID))
+    lasting = ScenarioSystem(stages, read.spec.noise, read.spec.reset, np.random.default_rng(0))
     played(lasting, [RIGHT, RIGHT, STOP])
     assert lasting.reset().valuation[:2].tolist() == [0, 2]
 

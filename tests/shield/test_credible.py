@@ -16,10 +16,10 @@ from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.errors import InputError
 from merap.mdp.model import Bools, TabularMDP
+from merap.shield.credible_tracker import CredibleTracker
 from merap.shield.fixpoint import robust_risk
 from merap.shield.hazards import Hazards
 from merap.shield.models import model_sets
-from merap.shield.watch import Watch
 from merap.systems.interface import Observation
 from merap.systems.slip import slipping_model
 from tests.support.paths import MODELS
@@ -95,15 +95,15 @@ def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseSt
     # Obstacle or no entry, declared or not: any set of cells may be closed but the start. `hypotheses`
     # enumerates them; the tables never do.
     space = hypothesis_space(ledge, OUTSIDE)
-    watch = Watch(space, doubt=1e-12)
+    tracker = CredibleTracker(space, doubt=1e-12)
     everywhere = np.ones(len(ledge.actions), dtype=np.bool_)
     everywhere[ledge.actions.index("right")] = False
-    watch.begin(seen(space, 3, everywhere))
+    tracker.begin(seen(space, 3, everywhere))
     # The way right is closed at the start, which the action's absence has told.
     closed = [model for model in hypotheses(ledge, {3}, (0.0, 0.3)) if not model.enabled[3, 4]]
     sets = model_sets(closed)
     expected = robust_risk(sets.outcomes(np.ones(len(closed), dtype=np.bool_)))
-    found = robust_risk(watch.outcomes())
+    found = robust_risk(tracker.outcomes())
     # Without the hole: a model in which it is reached has the way there open, also back.
     reached = np.any([model.reachable for model in closed], axis=0) & ~sets.unsafe.any(axis=0)
     reached[-1] = False
@@ -116,19 +116,19 @@ def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseSt
 
 def test_a_step_loosens_what_it_refutes(ledge: CaseStudy) -> None:
     space = hypothesis_space(ledge, OUTSIDE)
-    watch = Watch(space, doubt=1e-12)
+    tracker = CredibleTracker(space, doubt=1e-12)
     every = np.ones(len(ledge.actions), dtype=np.bool_)
-    watch.begin(seen(space, 3, every))
-    before = watch.outcomes()
-    assert watch.outcomes() is before
+    tracker.begin(seen(space, 3, every))
+    before = tracker.outcomes()
+    assert tracker.outcomes() is before
     up, right = ledge.actions.index("up"), ledge.actions.index("right")
     # The middle of the lower row is open, since `right` is possible; under it the hole: to move up there
     # risks 0.75, whatever may be closed or slip.
     risk = robust_risk(before)
     assert risk.of_actions[4, up] == pytest.approx(0.75)
     assert not risk.certain[4, up]
-    watch.observe(right, seen(space, 4, every, -0.5))
-    after = watch.outcomes()
+    tracker.observe(right, seen(space, 4, every, -0.5))
+    after = tracker.outcomes()
     assert after is not before
     # No move has failed, so that a place beyond may still be closed: nothing there is surely possible.
     assert robust_risk(after).of_states[4] == 0
@@ -139,7 +139,7 @@ def test_the_prior_covers_every_model_of_the_base(name: str) -> None:
     case, space = shipped(name)
     models = [slipping_model(combination, 0.0) for combination in case.combinations()]
     base = robust_risk(model_sets(models).outcomes(np.ones(len(models), dtype=np.bool_)))
-    found = robust_risk(Watch(space).outcomes())
+    found = robust_risk(CredibleTracker(space).outcomes())
     some = base.of_actions[:-1] < 1
     assert np.all(found.of_actions[:-1][some] >= base.of_actions[:-1][some] - 1e-8)
     assert np.all(found.of_states >= base.of_states - 1e-8)
@@ -151,15 +151,15 @@ def test_a_hazard_counts_when_its_location_is_entered(ledge: CaseStudy) -> None:
     # Nothing else is unsafe on the lower row: right from the start risks h at once, and what lies
     # beyond need not be entered.
     space = hypothesis_space(ledge, OUTSIDE)
-    watch = Watch(space, hazard_prior=0.1)
+    tracker = CredibleTracker(space, hazard_prior=0.1)
     every = np.ones(len(ledge.actions), dtype=np.bool_)
-    watch.begin(seen(space, 3, every))
+    tracker.begin(seen(space, 3, every))
     right, stop = ledge.actions.index("right"), ledge.actions.index("stop")
-    risk = robust_risk(watch.outcomes())
+    risk = robust_risk(tracker.outcomes())
     assert risk.of_actions[3, right] == pytest.approx(0.1)
     assert risk.of_actions[3, stop] == 0
-    watch.observe(right, seen(space, 4, every, -0.5))
-    back = robust_risk(watch.outcomes())
+    tracker.observe(right, seen(space, 4, every, -0.5))
+    back = robust_risk(tracker.outcomes())
     # Both have been seen now.
     assert back.of_actions[3, right] == 0
     assert back.of_actions[4, right] == pytest.approx(0.1)
@@ -189,10 +189,10 @@ def test_declared_hazards_are_where_they_are_declared(ledge: CaseStudy) -> None:
 def test_a_case_without_unsafe_states_needs_a_prior() -> None:
     _, space = shipped("paper-grid/rq1-3.yaml")
     with pytest.raises(InputError, match="no objective says what is unsafe"):
-        Watch(space)
-    watch = Watch(space, hazard_prior=0.05)
-    watch.begin(seen(space, 0, np.ones(5, dtype=np.bool_)))
-    risk = robust_risk(watch.outcomes())
+        CredibleTracker(space)
+    tracker = CredibleTracker(space, hazard_prior=0.05)
+    tracker.begin(seen(space, 0, np.ones(5, dtype=np.bool_)))
+    risk = robust_risk(tracker.outcomes())
     assert risk.of_states[0] == 0
     assert risk.of_actions[0, 2] == pytest.approx(0.05)
 
@@ -200,7 +200,7 @@ def test_a_case_without_unsafe_states_needs_a_prior() -> None:
 def test_a_doubt_out_of_range_is_refused() -> None:
     _, space = shipped("hazard-grid")
     with pytest.raises(InputError, match="doubt"):
-        Watch(space, doubt=1.0)
+        CredibleTracker(space, doubt=1.0)
 
 
 def test_a_completing_step_into_an_unsafe_state_is_a_violation(ledge: CaseStudy, tmp_path: Path) -> None:
@@ -208,8 +208,8 @@ def test_a_completing_step_into_an_unsafe_state_is_a_violation(ledge: CaseStudy,
     path = tmp_path / "case.yaml"
     path.write_text(text, encoding="utf-8")
     case = load_case(path)
-    watch = Watch(hypothesis_space(case, OUTSIDE))
-    risk = robust_risk(watch.outcomes())
+    tracker = CredibleTracker(hypothesis_space(case, OUTSIDE))
+    risk = robust_risk(tracker.outcomes())
     up = case.actions.index("up")
     # The hole ends the task. On the canonical index that looks like any other end.
     assert risk.of_actions[4, up] == pytest.approx(0.75)

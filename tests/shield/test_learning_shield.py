@@ -9,9 +9,9 @@ from merap.belief.outside import Outside
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.mdp.model import Bools, Floats
 from merap.shield.credible import credible
+from merap.shield.credible_tracker import DOUBT, CredibleTracker
 from merap.shield.learning_shield import LearningShield, ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
-from merap.shield.watch import DOUBT, Watch
 from merap.systems.interface import Observation
 from tests.support.loop_examples import Told
 from tests.support.shield_examples import gutter
@@ -103,10 +103,10 @@ def test_the_policy_is_masked_for_where_the_episode_began(space: HypothesisSpace
 
 def test_where_the_system_is_it_is_not_closed(space: HypothesisSpace) -> None:
     """An unknown obstacle there is refuted by being there, however it came there."""
-    watch = Watch(space)
-    before = credible(space, watch.belief, DOUBT)
-    watch.begin(at(space, 2))
-    after = credible(space, watch.belief, DOUBT)
+    tracker = CredibleTracker(space)
+    before = credible(space, tracker.belief, DOUBT)
+    tracker.begin(at(space, 2))
+    after = credible(space, tracker.belief, DOUBT)
     assert before.closed[..., 2].any()
     assert not after.closed[..., 2].any()
     np.testing.assert_array_equal(after.closed[..., 3], before.closed[..., 3])

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from merap.concerns.combination import ResetMode
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.families.build import canonical
@@ -20,22 +18,16 @@ from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
 from merap.strategies.adaptation import Adaptation, adapt, spread_of_pretrained
-from merap.strategies.ground_truth import Conditions, encounter
-from merap.strategies.registry import BELIEF, GRADIENT, STRATEGIES
+from merap.strategies.adaptation_problem import Conditions, adaptation_problem
+from merap.strategies.registry import BELIEF, GRADIENT
 from tests.support.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.support.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained
+from tests.support.whole_adaptations import moments, values
 
 # What is met on RQ1-1: eight steps away, so the optimum is 10 - 0.5 * 8; at worst 18 steps for nothing.
 MET = grid_model(grid_task((4, 4)))
 OPTIMUM, WORST = 6.0, -9.0
 TRAINING_SEEDS = (0, 1)
-
-
-@pytest.fixture(scope="module")
-def hasty(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
-    """Five updates: where only the machinery matters. It samples episodes without exploration."""
-    config = SMALL.model_copy(update={"exploration": 0.0})
-    return trained(tmp_path_factory.mktemp("runs") / "hasty", config, ONE_OF_SIXTEEN)
 
 
 @pytest.fixture(scope="module")
@@ -46,37 +38,6 @@ def of_hasty(hasty: RunFolder) -> Adaptation:
 @pytest.fixture(scope="module")
 def of_belief(hasty: RunFolder) -> Adaptation:
     return adapt(hasty, hasty.case.system("met"), strategy=BELIEF, steps=6, seeds=(0, 1))
-
-
-def moments(policy: Floats) -> tuple[float, float]:
-    """Mean and variance of an episode's return in `MET`, forward by hand.
-
-    The distribution over states and its first two moments of the return so far:
-    E[(G + r)^2; s'] = E[G^2; s] + 2 r E[G; s] + r^2 P(s).
-
-    Args:
-        policy: [S, A + 1], or [T, S, A + 1].
-    """
-    states, targets = MET.choice_state, MET.branch_target  # deterministic: one branch a choice
-    assert MET.num_branches == MET.num_choices
-    reward = MET.choice_reward
-    mass: Floats = MET.initial
-    first: Floats = np.zeros(MET.num_states)
-    second: Floats = np.zeros(MET.num_states)
-
-    def arriving(weights: Floats) -> Floats:
-        return np.bincount(targets, weights, MET.num_states).astype(np.float64)
-
-    for t in range(HORIZON):
-        now = policy[t] if policy.ndim == 3 else policy
-        # a float32 softmax sums to 1 up to 1e-7
-        taken = (now / np.maximum(now.sum(axis=1, keepdims=True), 0.5))[states, MET.choice_action]
-        p, m, q = mass[states] * taken, first[states] * taken, second[states] * taken
-        mass = arriving(p)
-        first = arriving(m + reward * p)
-        second = arriving(q + 2 * reward * m + reward**2 * p)
-    mean = float(first.sum())
-    return mean, float(second.sum()) - mean**2
 
 
 def meta_policy_of(run: RunFolder) -> Floats:
@@ -92,10 +53,6 @@ def meta_policy_of(run: RunFolder) -> Floats:
     return policy
 
 
-def values(found: Adaptation, run: int = 0) -> Sequence[float]:
-    return [row.expected_return for row in found.runs[run].curve]
-
-
 def test_row_0_is_before_any_episode(of_hasty: Adaptation) -> None:
     for run in of_hasty.runs:
         assert [(row.step, row.episodes) for row in run.curve] == [(0, 0), (1, 10), (2, 20), (3, 30)]
@@ -104,7 +61,7 @@ def test_row_0_is_before_any_episode(of_hasty: Adaptation) -> None:
 
 
 def test_row_0_is_the_meta_policy_whatever_the_seed(hasty: RunFolder, of_hasty: Adaptation) -> None:
-    mean, _ = moments(meta_policy_of(hasty))
+    mean, _ = moments(MET, meta_policy_of(hasty))
     assert values(of_hasty, 0)[0] == values(of_hasty, 1)[0] == pytest.approx(mean, abs=1e-5)  # float32
 
 
@@ -115,13 +72,13 @@ def test_the_range_is_that_of_the_paper(of_hasty: Adaptation) -> None:
 
 def test_expected_returns_are_those_of_the_policies_on_the_true_model(of_hasty: Adaptation) -> None:
     for policy, value in ((of_hasty.before, values(of_hasty)[0]), (of_hasty.after, values(of_hasty)[-1])):
-        assert value == pytest.approx(moments(policy)[0], abs=1e-6)
+        assert value == pytest.approx(moments(MET, policy)[0], abs=1e-6)
         assert value == pytest.approx(expected_return(MET, policy, HORIZON), abs=1e-9)
 
 
 def test_belief_is_scored_on_the_true_model_too(of_belief: Adaptation) -> None:
     for policy, value in ((of_belief.before, values(of_belief)[0]), (of_belief.after, values(of_belief)[-1])):
-        assert value == pytest.approx(moments(policy)[0], abs=1e-9)
+        assert value == pytest.approx(moments(MET, policy)[0], abs=1e-9)
 
 
 def test_the_true_model_is_the_system_that_is_met(hasty: RunFolder, of_hasty: Adaptation) -> None:
@@ -129,7 +86,7 @@ def test_the_true_model_is_the_system_that_is_met(hasty: RunFolder, of_hasty: Ad
     met = hasty.case.system("met")
     defined = canonical(met, synthesise(met))
     policy = meta_policy_of(hasty)
-    mean, _ = moments(policy)
+    mean, _ = moments(MET, policy)
     for model in (of_hasty.model, defined):
         assert expected_return(model, policy, HORIZON) == pytest.approx(mean, abs=1e-9)
 
@@ -138,7 +95,7 @@ def test_sampled_returns_are_those_of_the_policy_that_acted(hasty: RunFolder) ->
     """Without exploration the episodes of step 1 are the meta policy's: within 4 standard errors."""
     episodes = 800
     found = adapt(hasty, hasty.case.system("met"), episodes_per_step=episodes, steps=1, seeds=(0, 1, 2))
-    mean, variance = moments(meta_policy_of(hasty))
+    mean, variance = moments(MET, meta_policy_of(hasty))
     assert variance > 0.01
     for run in found.runs:
         sampled = run.curve[1].sampled_return
@@ -154,11 +111,11 @@ def test_exploration_shows_in_what_is_sampled_and_not_in_what_is_expected(tmp_pa
     meta = meta_policy_of(run)
     uniform = np.where(np.arange(END + 1) < END, 0.2, 0.0) * np.ones((len(meta), 1))
     uniform[-1] = meta[-1]
-    mean, variance = moments(0.999 * uniform + 0.001 * meta)
+    mean, variance = moments(MET, 0.999 * uniform + 0.001 * meta)
     sampled = found.runs[0].curve[1].sampled_return
     assert sampled is not None
     assert abs(sampled - mean) <= 4 * math.sqrt(variance / episodes)
-    assert values(found)[0] == pytest.approx(moments(meta)[0], abs=1e-5)
+    assert values(found)[0] == pytest.approx(moments(MET, meta)[0], abs=1e-5)
 
 
 @pytest.mark.parametrize("strategy", [GRADIENT, BELIEF])
@@ -251,12 +208,12 @@ def on_three(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 def test_pretrained_policies_show_their_best_median_and_worst(on_three: RunFolder) -> None:
     """RQ1-3 meets a cell that can't be entered, (3, 4); its three combinations are one such cell each."""
-    met = encounter(on_three, on_three.case.system("met"))
-    found = spread_of_pretrained(met, steps=3, seeds=(0, 1))
+    problem = adaptation_problem(on_three, on_three.case.system("met"))
+    found = spread_of_pretrained(problem, steps=3, seeds=(0, 1))
     assert len(found.values) == 3
     ranked = list(found.values.values())
     assert ranked == sorted(ranked, reverse=True)
-    own = met.system.capability.name
+    own = problem.truth.system.capability.name
     by_name = {name.split(".")[1]: value for name, value in found.values.items()}
     # 10 - 0.5 * 8, by a network of four units
     assert by_name[own] == pytest.approx(OPTIMUM, abs=0.1)
@@ -274,85 +231,6 @@ def test_the_oracle_has_no_regret(hasty: RunFolder) -> None:
         assert run.episodes_to_within_5_percent == 0
         assert run.cumulative_regret == pytest.approx(0, abs=1e-9)
         assert run.sampled_regret == pytest.approx(0, abs=1e-9)  # nothing is random
-
-
-def test_slip_is_in_what_policies_are_scored_by_and_in_what_is_met(hasty: RunFolder) -> None:
-    """Eight moves that work with 0.8 each, then `stop`: the optimum is that of waiting for eight successes.
-
-    By time t the goal is reached with the eighth success at move t: negative binomial. A slip in the goal
-    ends the task with the reward of `stop` all the same. Not reached: 18 steps at -0.5.
-    """
-    work = 0.8
-    arrival = {t: math.comb(t - 1, 7) * work**8 * (1 - work) ** (t - 8) for t in range(8, 18)}
-    late = 1 - sum(arrival.values())
-    mean = sum(p * (10 - 0.5 * t) for t, p in arrival.items()) - 9 * late
-    found = adapt(
-        hasty,
-        hasty.case.system("met"),
-        strategy="oracle",
-        steps=400,
-        conditions=Conditions(slip=1 - work),
-    )
-    assert found.reachable.optimum == pytest.approx(mean)
-    assert values(found)[0] == pytest.approx(mean)
-    earned = [row.sampled_return for row in found.runs[0].curve if row.sampled_return is not None]
-    square = sum(p * (10 - 0.5 * t) ** 2 for t, p in arrival.items()) + 81 * late
-    # within 4 standard errors: another seed fails with a chance of 6e-5
-    assert abs(np.mean(earned) - mean) <= 4 * math.sqrt((square - mean**2) / len(earned))
-
-
-def test_noise_is_on_the_rewards_that_are_seen_alone(hasty: RunFolder) -> None:
-    met = hasty.case.system("met")
-    noisy = Conditions(reward_noise=2.0)
-    found = adapt(hasty, met, strategy="oracle", steps=400, conditions=noisy)
-    assert values(found) == pytest.approx([OPTIMUM] * len(values(found)))
-    # nine steps, each with a variance of 4
-    earned = np.array([row.sampled_return for row in found.runs[0].curve[1:]])
-    assert abs(earned.mean() - OPTIMUM) <= 4 * math.sqrt(36 / 400)  # fails by luck with 6e-5
-    # the variance of a sample variance of n normal numbers is 2 sigma^4 / (n - 1)
-    assert abs(earned.var(ddof=1) - 36) <= 4 * 36 * math.sqrt(2 / 399)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if name != "pretrained"])
-@pytest.mark.parametrize("reset", ["return_to_start", "none"])
-def test_every_strategy_can_do_without_resets(hasty: RunFolder, strategy: str, reset: ResetMode) -> None:
-    found = adapt(
-        hasty,
-        hasty.case.system("met"),
-        strategy=strategy,
-        episodes_per_step=2,
-        max_episodes=6,
-        conditions=Conditions(reset=reset),
-    )
-    assert found.runs[0].curve[-1].episodes == 6
-    assert found.as_dict()["reset"] == reset
-    assert (found.runs[0].steps_back > 0) == (reset == "return_to_start")
-
-
-def test_the_way_back_is_counted(hasty: RunFolder) -> None:
-    """The oracle ends in the goal, eight steps from the start; before the last episode it is there again."""
-    conditions = Conditions(reset="return_to_start")
-    found = adapt(hasty, hasty.case.system("met"), strategy="oracle", steps=5, conditions=conditions)
-    assert found.runs[0].steps_back == 4 * 8
-
-
-def test_without_resets_the_next_episode_begins_where_the_last_ended(hasty: RunFolder) -> None:
-    """In the goal: from the second episode on `stop` is all there is to do."""
-    conditions = Conditions(reset="none")
-    found = adapt(hasty, hasty.case.system("met"), strategy="oracle", steps=4, conditions=conditions)
-    assert [row.sampled_return for row in found.runs[0].curve] == [None, OPTIMUM, 10, 10, 10]
-    # scores are from the declared start all the same
-    assert values(found) == pytest.approx([OPTIMUM] * len(values(found)))
-
-
-@pytest.mark.slow
-def test_a_belief_finds_the_goal_without_resets(hasty: RunFolder) -> None:
-    conditions = Conditions(reset="none")
-    found = adapt(
-        hasty, hasty.case.system("met"), strategy=BELIEF, steps=10, seeds=(0, 1, 2), conditions=conditions
-    )
-    assert all(run.episodes_to_within_5_percent is not None for run in found.runs)
 
 
 def test_what_cannot_be_met_is_refused(hasty: RunFolder) -> None:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from merap.mdp.model import Floats
+from merap.strategies.evaluation import evaluator
 from merap.strategies.fixed import FixedStrategy, optimal_policy
-from merap.strategies.protocol import evaluator
 from merap.systems.simulated import SimulatedSystem
 from tests.support.grid_tasks import HORIZON, grid_model, grid_task
 

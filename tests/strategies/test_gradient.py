@@ -15,8 +15,9 @@ from merap.learning.rollout import Episodes
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import train
 from merap.mdp.model import TabularMDP
+from merap.strategies.evaluation import evaluator, executed, reachable_range
 from merap.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
-from merap.strategies.protocol import episode, evaluator, executed, reachable_range
+from merap.strategies.protocol import episode
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from tests.support.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task

@@ -7,7 +7,8 @@ from merap.errors import InputError, ModelError
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Bools, Floats
 from merap.mdp.planning import backward_induction
-from merap.strategies.protocol import adaptation, evaluator, executed, reachable_range
+from merap.strategies.evaluation import evaluator, executed, reachable_range
+from merap.strategies.protocol import adaptation
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex, best_allowed

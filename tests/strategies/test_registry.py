@@ -14,8 +14,9 @@ from safetensors.torch import save_file
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.mdp.model import TabularMDP
-from merap.strategies.ground_truth import Encounter, encounter
-from merap.strategies.protocol import adaptation, evaluator
+from merap.strategies.adaptation_problem import AdaptationProblem, adaptation_problem
+from merap.strategies.evaluation import evaluator
+from merap.strategies.protocol import adaptation
 from merap.strategies.registry import (
     STRATEGIES,
     StrategyContext,
@@ -30,13 +31,13 @@ from tests.support.trained_runs import trained
 
 
 @pytest.fixture(scope="module")
-def met(tmp_path_factory: pytest.TempPathFactory) -> Encounter:
+def problem(tmp_path_factory: pytest.TempPathFactory) -> AdaptationProblem:
     run = trained(tmp_path_factory.mktemp("runs") / "run")
-    return encounter(run, run.case.system("met"), episodes_per_step=2)
+    return adaptation_problem(run, run.case.system("met"), episodes_per_step=2)
 
 
-def named(met: Encounter, kind: str) -> str:
-    return f"{kind}:{met.context.run.names[0]}" if kind == "pretrained" else kind
+def named(problem: AdaptationProblem, kind: str) -> str:
+    return f"{kind}:{problem.context.run.names[0]}" if kind == "pretrained" else kind
 
 
 class ResetAndStepAlone:
@@ -53,24 +54,24 @@ class ResetAndStepAlone:
 
 
 @pytest.mark.parametrize("kind", STRATEGIES)
-def test_every_strategy_adapts_through_reset_and_step(met: Encounter, kind: str) -> None:
+def test_every_strategy_adapts_through_reset_and_step(problem: AdaptationProblem, kind: str) -> None:
     def curve_and_actions() -> tuple[list[float], list[int]]:
-        strategy = make_strategy(named(met, kind), met.context, np.random.default_rng(1))
-        assert strategy.episodes_per_update == episodes_per_update(named(met, kind), 2)
-        system = ResetAndStepAlone(met.model, 0)
-        rows = list(adaptation(system, strategy, evaluator(met.model, HORIZON), 4))
+        strategy = make_strategy(named(problem, kind), problem.context, np.random.default_rng(1))
+        assert strategy.episodes_per_update == episodes_per_update(named(problem, kind), 2)
+        system = ResetAndStepAlone(problem.truth.model, 0)
+        rows = list(adaptation(system, strategy, evaluator(problem.truth.model, HORIZON), 4))
         assert all(strategy.explain())
         return [row.expected_return for row in rows], system.taken
 
     curve, taken = curve_and_actions()
-    assert len(curve) == 1 + 4 // episodes_per_update(named(met, kind), 2)
+    assert len(curve) == 1 + 4 // episodes_per_update(named(problem, kind), 2)
     # between 18 steps for nothing, and the goal eight steps away
     assert all(-9 - 1e-6 <= value <= 6 + 1e-6 for value in curve)
     assert (curve, taken) == curve_and_actions()
 
 
-def test_belief_refines_what_the_run_has_learned(met: Encounter) -> None:
-    strategy = make_strategy("belief", met.context, np.random.default_rng(1))
+def test_belief_refines_what_the_run_has_learned(problem: AdaptationProblem) -> None:
+    strategy = make_strategy("belief", problem.context, np.random.default_rng(1))
     # Before any episode the hypotheses differ in what is best, so the plan can be gained on.
     assert "the meta policy after exact gradient steps" in strategy.explain()[-1]
 
@@ -92,14 +93,14 @@ def test_belief_refines_what_the_run_has_learned(met: Encounter) -> None:
         ("pretrained:../../policy", "has no combination '../../policy'"),
     ],
 )
-def test_what_is_no_strategy_is_refused(met: Encounter, name: str, complaint: str) -> None:
+def test_what_is_no_strategy_is_refused(problem: AdaptationProblem, name: str, complaint: str) -> None:
     with pytest.raises(InputError) as caught:
-        make_strategy(name, met.context, np.random.default_rng(0))
+        make_strategy(name, problem.context, np.random.default_rng(0))
     assert complaint in str(caught.value)
 
 
-def test_the_oracle_needs_the_true_model(met: Encounter) -> None:
-    context = StrategyContext(met.context.run, HORIZON, 0.95)
+def test_the_oracle_needs_the_true_model(problem: AdaptationProblem) -> None:
+    context = StrategyContext(problem.context.run, HORIZON, 0.95)
     with pytest.raises(InputError, match="'oracle' needs the true model"):
         make_strategy("oracle", context, np.random.default_rng(0))
 
@@ -131,8 +132,8 @@ def _no_learning(*_: object, **__: object) -> None:
     raise AssertionError("a policy is learned anew")
 
 
-def test_damaged_stale_and_foreign_baselines_are_refused(met: Encounter) -> None:
-    run = met.context.run
+def test_damaged_stale_and_foreign_baselines_are_refused(problem: AdaptationProblem) -> None:
+    run = problem.context.run
     policy_of(run, "joint")
     file = run.path / "baselines" / "joint.safetensors"
     content = file.read_bytes()

@@ -10,8 +10,8 @@ import pytest
 
 from merap.learning.tasks import task_batch
 from merap.mdp.model import TabularMDP
+from merap.strategies.evaluation import evaluator, reachable_range
 from merap.strategies.fixed import optimal_policy
-from merap.strategies.protocol import evaluator, reachable_range
 from merap.strategies.retrieval import FitSettings, RetrievalStrategy
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem

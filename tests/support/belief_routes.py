@@ -12,7 +12,7 @@ import numpy as np
 
 from merap.belief.posterior import Belief, prior_belief, weights
 from merap.belief.space import HypothesisSpace
-from merap.belief.update import Step, observe_enabled, observe_presence, observe_step
+from merap.belief.update import ObservedStep, observe_enabled, observe_presence, observe_step
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.concerns.synthesis import pair_valuations, synthesise
@@ -57,7 +57,7 @@ class Seen:
     """A step, and the actions that were enabled before it."""
 
     enabled: tuple[int, ...]
-    step: Step
+    step: ObservedStep
 
 
 def trajectory(combination: Combination, length: int, noise: float, generator: Generator) -> list[Seen]:
@@ -76,7 +76,7 @@ def trajectory(combination: Combination, length: int, noise: float, generator: G
         assert model.branch_reward is not None
         reward = float(model.branch_reward[branch]) + noise * float(generator.normal())
         after = len(index) if flag[target] else _canonical(index, target)
-        step = Step(_canonical(index, state), int(model.choice_action[choice]), after, reward)
+        step = ObservedStep(_canonical(index, state), int(model.choice_action[choice]), after, reward)
         seen.append(Seen(tuple(model.choice_action[choices].tolist()), step))
         state = start if flag[target] else target
     return seen

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from merap.mapek.messages import Monitored, Sighting, Transition
+from merap.mapek.messages import Monitored
 from merap.mapek.records import EpisodeRow
 from merap.mdp.model import Bools, Floats
 from merap.systems.interface import Observation
+from merap.systems.sightings import Sighting, Transition
 from merap.trigger.trigger import Alarm, Reading
 
 NUM_ACTIONS = 5

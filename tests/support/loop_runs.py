@@ -10,7 +10,8 @@ from typing import Any
 from merap.belief.space import hypothesis_space
 from merap.learning.run_folder import RunFolder
 from merap.mapek.analyzer import Analyzer
-from merap.mapek.components import Built, Guard, build, unguarded
+from merap.mapek.components import Guard, make_components, unguarded
+from merap.mapek.loop import Components
 from merap.mapek.scenario import Scenario, read_scenario
 from merap.mapek.scenario_system import ScenarioSystem
 from merap.mapek.scores import LoopReport
@@ -36,11 +37,11 @@ def scenario(folder: Path, text: str = MOVED, more: str = "") -> Scenario:
     return read_scenario(path)
 
 
-def doubtful(run: RunFolder, found: Scenario, manager: str = "merap", guard: Guard = unguarded) -> Built:
+def doubtful(run: RunFolder, found: Scenario, manager: str = "merap", guard: Guard = unguarded) -> Components:
     """A loop whose trigger alarms at the first thing that its model holds impossible."""
-    built = build(run, found, manager, guard=guard)
+    components = make_components(run, found, manager, guard=guard)
     analyzer = Analyzer(hypothesis_space(run.case), HORIZON, found.spec.strategy.updates, Doubtful())
-    return replace(built, parts=replace(built.parts, analyzer=analyzer))
+    return replace(components, analyzer=analyzer)
 
 
 def timeless(report: LoopReport) -> Mapping[str, Any]:

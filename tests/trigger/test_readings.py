@@ -10,7 +10,7 @@ import pytest
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats
 from merap.mdp.planning import backward_induction
-from merap.trigger.readings import NEAR, Forecast, Readings, Steps
+from merap.trigger.readings import NEAR, Forecast, ObservedSteps, Readings
 from merap.trigger.settings import ChangeSettings
 from tests.support.grid_tasks import COMPLETED, HORIZON, grid_model, grid_task
 
@@ -28,7 +28,7 @@ NUM_STATES = COMPLETED + 1
 def read(time: int, state: int, action: int, targets: list[int], reward: float = -0.5) -> Readings:
     count = len(targets)
     return FORECAST.read(
-        Steps(
+        ObservedSteps(
             time=np.full(count, time),
             state=np.full(count, state),
             action=np.full(count, action),
@@ -117,7 +117,7 @@ def test_gains_and_residuals_of_an_episode_sum_to_its_return_less_what_was_expec
     states, actions = [0, 1, 1, 2], [RIGHT, RIGHT, RIGHT, STOP]
     rewards = np.array([-0.5, -0.7, -0.5, 10.0])
     found = FORECAST.read(
-        Steps(
+        ObservedSteps(
             time=np.arange(4),
             state=np.array(states),
             action=np.array(actions),
@@ -138,7 +138,7 @@ def test_the_sum_telescopes_through_what_the_model_holds_impossible() -> None:
     states = [0, 60, *([60] * 16)]
     actions = [int(POLICY[t, state].argmax()) for t, state in enumerate(states)]
     found = FORECAST.read(
-        Steps(
+        ObservedSteps(
             time=np.arange(HORIZON),
             state=np.array(states),
             action=np.array(actions),
@@ -156,7 +156,7 @@ def test_a_state_that_the_model_does_not_reach_says_nothing_of_transitions() -> 
     policy = as_policy(model, backward_induction(model, HORIZON).actions)
     forecast = Forecast(model, policy, HORIZON, ChangeSettings())
     time, state, action, target = (np.array([value]) for value in (0, 1, RIGHT, 2))
-    steps = Steps(time, state, action, target, np.array([-0.5]), np.array([False]))
+    steps = ObservedSteps(time, state, action, target, np.array([-0.5]), np.array([False]))
     one = forecast.read(steps)[0]
     assert (*one.log_alternatives, *one.log_local) == pytest.approx((one.log_likelihood,) * 4)
     assert (one.expected_reward, one.gain_variance) == (0.0, 0.0)

@@ -10,10 +10,11 @@ import pytest
 from merap.concerns.combination import Combination
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex
-from merap.trigger.making import make_trigger
+from merap.trigger.change import ChangeTrigger
 from merap.trigger.readings import Forecast
 from merap.trigger.settings import ChangeSettings, WindowSettings
 from merap.trigger.trigger import Alarm, Trigger
+from merap.trigger.window import WindowTrigger
 from scripts.bench.trigger_streams import Known, known
 from tests.support.hand_made import cells, grid_combination
 
@@ -57,8 +58,7 @@ def episodes_until_alarm(trigger: Trigger, after: Combination, seed: int) -> int
 
 
 def triggers() -> list[Trigger]:
-    made = [make_trigger(settings, 0.95) for settings in (SETTINGS, WindowSettings(threshold=-4.0))]
-    return [trigger for trigger in made if trigger is not None]
+    return [ChangeTrigger(SETTINGS), WindowTrigger(WindowSettings(threshold=-4.0, discount=0.95))]
 
 
 @pytest.mark.parametrize("seed", range(3))

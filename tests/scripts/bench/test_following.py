@@ -6,9 +6,8 @@ import pytest
 from merap.concerns.case_study import load_case
 from merap.families.build import model_of
 from merap.mdp.model import Floats
-from merap.strategies.evaluation import Run
+from merap.strategies.evaluation import Run, reachable_range
 from merap.strategies.fixed import FixedStrategy, optimal_policy
-from merap.strategies.protocol import reachable_range
 from merap.systems.simulated import SimulatedSystem
 from scripts.bench.following import Lengths, followed, outside_of
 from tests.support.paths import MODELS

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from merap.belief.posterior import Belief, prior_belief
 from merap.belief.space import HypothesisSpace
-from merap.belief.update import Step, observe_state, observe_step
+from merap.belief.update import ObservedStep, observe_state, observe_step
 from merap.errors import InputError
 from merap.shield.credible import credible, credible_outcomes, unsafe_states
 from merap.shield.hazards import Hazards
@@ -62,7 +62,7 @@ class CredibleSource:
         return self._outcomes
 
 
-class Watch:
+class CredibleTracker:
     """Follows the episodes and gives the outcome sets of what is credible now.
 
     Args:
@@ -89,7 +89,7 @@ class Watch:
     def observe(self, action: int, observation: Observation) -> None:
         """What a step has led to."""
         target = self._index(observation)
-        step = Step(self.state, action, target, observation.reward)
+        step = ObservedStep(self.state, action, target, observation.reward)
         self.belief = observe_step(self._space, self.belief, step)
         self.state = target
         self._look(observation)

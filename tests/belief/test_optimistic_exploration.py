@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from merap.belief.model import DomainModel
+from merap.belief.optimistic_exploration import OptimisticOutcome, optimistic_plans
 from merap.belief.planning import plan
-from merap.belief.testing import Trial, hopes
 
 HORIZON = 6
 START, FIRST, SECOND, GOAL = range(4)
@@ -37,22 +37,22 @@ def ways(daring: float, likely: float, bonus: float) -> DomainModel:
     return DomainModel(target, prob, np.ones((3, 4), dtype=np.bool_), reward, continuation)
 
 
-def found(daring: float, likely: float, bonus: float = 0.0) -> list[Trial]:
-    mean, hoped = ways(daring, likely, bonus), ways(1.0, 1.0, bonus)
+def found(daring: float, likely: float, bonus: float = 0.0) -> list[OptimisticOutcome]:
+    mean, optimistic = ways(daring, likely, bonus), ways(1.0, 1.0, bonus)
     best = plan(mean, HORIZON)
     # the sure way: three steps at -1, and 10 at the goal
     assert best.values[0, START] == pytest.approx(7)
-    return [trial for trial, _ in hopes(mean, best, hoped, START, NO_TIES)]
+    return [outcome for outcome, _ in optimistic_plans(mean, best, optimistic, START, NO_TIES)]
 
 
 @pytest.mark.parametrize(("daring", "likely"), [(0.01, 0.3), (0.3, 0.01)])
-def test_of_ways_with_as_much_to_gain_the_likelier_is_hoped_for(daring: float, likely: float) -> None:
+def test_of_ways_with_as_much_to_gain_the_likelier_is_tried(daring: float, likely: float) -> None:
     # By hand: two steps fewer. Where it is closed, a step at -1 is lost, and five are left for the sure way.
     (first,) = found(daring, likely)
     assert (first.chance, first.gain, first.price) == pytest.approx((0.3, 2, 0.7))
 
 
-def test_a_likelier_hope_with_less_to_gain_comes_next() -> None:
+def test_a_likelier_plan_with_less_to_gain_comes_next() -> None:
     first, second = found(daring=0.01, likely=0.3, bonus=2)
     assert (first.chance, first.gain, first.price) == pytest.approx((0.01, 4, 0.99))
     assert (second.chance, second.gain, second.price) == pytest.approx((0.3, 2, 0.7))
@@ -61,6 +61,6 @@ def test_a_likelier_hope_with_less_to_gain_comes_next() -> None:
     assert second.pays(20)
 
 
-def test_without_doubt_there_is_nothing_to_hope_for() -> None:
+def test_without_doubt_there_is_nothing_to_try() -> None:
     mean = ways(1.0, 1.0, 0.0)
-    assert not list(hopes(mean, plan(mean, HORIZON), mean, START, NO_TIES))
+    assert not list(optimistic_plans(mean, plan(mean, HORIZON), mean, START, NO_TIES))

@@ -11,8 +11,8 @@ import pytest
 
 from merap.shield.budget import permitted
 from merap.shield.fixpoint import Risk, robust_risk
-from merap.shield.ledger import Charge, Ledger, consistent
 from merap.shield.outcomes import OutcomeSets
+from merap.shield.partially_observed_budget import Charge, PartiallyObservedBudget, consistent
 from tests.support.shield_examples import Sets, make_sets, random_sets
 
 BOTH = np.ones(2, dtype=np.bool_)
@@ -50,9 +50,9 @@ class Place:
     risk: Risk
     threshold: float
 
-    def ledger(self, history: Sequence[Event]) -> Ledger:
+    def budget(self, history: Sequence[Event]) -> PartiallyObservedBudget:
         """After a history."""
-        found = Ledger(self.threshold, self.sets)
+        found = PartiallyObservedBudget(self.threshold, self.sets)
         for event in history:
             if isinstance(event, Took):
                 found.charge(Charge(event.action, True, self.risk, self.sets))
@@ -62,9 +62,9 @@ class Place:
 
     def allowed(self, history: Sequence[Event]) -> tuple[list[int], bool]:
         """Actions, and whether none is within the budget."""
-        ledger = self.ledger(history)
-        states = ledger.states(self.risk.unsafe)
-        mask, none = permitted(self.risk, states, ledger.budgets[states], BOTH)
+        budget = self.budget(history)
+        states = budget.states(self.risk.unsafe)
+        mask, none = permitted(self.risk, states, budget.budgets[states], BOTH)
         return np.flatnonzero(mask).tolist(), bool(none)
 
 
@@ -77,7 +77,7 @@ def worst_violation(world: Place, delay: int | None, steps: int, *, conflicts: b
     """The greatest probability of a violation before nothing is within the budget.
 
     By recursion over all histories: nature picks distributions, whoever acts takes the worst action that
-    is allowed, and knows the state, which the ledger does not. Observations are late by `delay`; None:
+    is allowed, and knows the state, which the budget does not. Observations are late by `delay`; None:
     whether one is lost is whatever is worst.
     """
 
@@ -174,8 +174,8 @@ def test_what_is_crossed_is_paid_however_late_it_is_seen(
 def test_a_gap_renews_nothing() -> None:
     """What is seen after a gap has what the worst way there has left; the budget was whole at first."""
     world = place(CORRIDOR, 0.25, 7)
-    assert world.ledger([Saw(0, 0), Took(0), Took(1), Saw(1, 2)]).budgets[1] == pytest.approx(0.15)
-    assert world.ledger([Saw(0, 0), Took(0), Took(0), Saw(2, 2)]).budgets[2] == pytest.approx(0.05)
+    assert world.budget([Saw(0, 0), Took(0), Took(1), Saw(1, 2)]).budgets[1] == pytest.approx(0.15)
+    assert world.budget([Saw(0, 0), Took(0), Took(0), Saw(2, 2)]).budgets[2] == pytest.approx(0.05)
 
 
 # From 0 both actions may lead to 1 or to 2; action 0 risks nothing, action 1 0.2. From 2 it costs more.
@@ -190,20 +190,20 @@ def test_what_is_not_seen_is_charged_at_its_worst_and_settled_later() -> None:
     world = place(FORK, 0.5)
     hidden: list[Event] = [Saw(0, 0), Took(0), Took(1)]
     # 0.1 in state 1, 0.4 in state 2; which it was is told by where it is.
-    assert world.ledger(hidden).budgets[1] == pytest.approx(0.4)
-    assert world.ledger(hidden).budgets[2] == pytest.approx(0.1)
+    assert world.budget(hidden).budgets[1] == pytest.approx(0.4)
+    assert world.budget(hidden).budgets[2] == pytest.approx(0.1)
     assert world.allowed(hidden) == ([0], False)
     assert world.allowed([*hidden, Saw(1, 1)]) == ([0, 1], False)
     assert world.allowed([*hidden, Saw(2, 1)]) == ([0], False)
-    settled = world.ledger([*hidden, Saw(2, 1)])
+    settled = world.budget([*hidden, Saw(2, 1)])
     assert np.isinf(settled.budgets[1])
     # What arrives too late to be news changes nothing.
-    np.testing.assert_array_equal(world.ledger([*hidden, Saw(2, 1), Saw(0, 0)]).budgets, settled.budgets)
+    np.testing.assert_array_equal(world.budget([*hidden, Saw(2, 1), Saw(0, 0)]).budgets, settled.budgets)
 
 
 def test_until_it_is_seen_the_system_may_be_anywhere_with_the_whole_budget() -> None:
     world = place(FORK, 0.3)
-    assert world.ledger([]).states(world.risk.unsafe).tolist() == [0, 1, 2]
+    assert world.budget([]).states(world.risk.unsafe).tolist() == [0, 1, 2]
     assert world.allowed([]) == ([0], False)
     assert world.allowed([Saw(1, 0)]) == ([0, 1], False)
 
@@ -222,11 +222,11 @@ def test_in_no_single_state_is_an_action_wanting_but_in_all_of_them_one_may_be()
 
 def test_an_action_that_may_not_have_been_executed_counts_as_both() -> None:
     world = place(CORRIDOR, 0.25, 7)
-    ledger = world.ledger([Saw(0, 0)])
-    ledger.charge(Charge(0, False, world.risk, world.sets))
-    assert ledger.states(world.risk.unsafe).tolist() == [0, 1]
-    assert ledger.budgets[0] == 0.25
-    assert ledger.budgets[1] == pytest.approx(0.15)
+    budget = world.budget([Saw(0, 0)])
+    budget.charge(Charge(0, False, world.risk, world.sets))
+    assert budget.states(world.risk.unsafe).tolist() == [0, 1]
+    assert budget.budgets[0] == 0.25
+    assert budget.budgets[1] == pytest.approx(0.15)
 
 
 def test_what_is_enabled_tells_where_the_system_is() -> None:
@@ -234,44 +234,44 @@ def test_what_is_enabled_tells_where_the_system_is() -> None:
     world = place(choices, 0.1)
     first = np.array([True, False])
     assert consistent(world.sets, first).tolist() == [True, True, False, False]
-    ledger = world.ledger([Saw(0, 0), Took(0)])
-    assert ledger.states(world.risk.unsafe).tolist() == [1, 2]
-    ledger.show(first, world.sets)
-    assert ledger.states(world.risk.unsafe).tolist() == [1]
+    budget = world.budget([Saw(0, 0), Took(0)])
+    assert budget.states(world.risk.unsafe).tolist() == [1, 2]
+    budget.show(first, world.sets)
+    assert budget.states(world.risk.unsafe).tolist() == [1]
     # It is remembered when the charges are made again, and ignored if it fits nowhere.
-    ledger.see(0, 0, world.risk.unsafe)
-    assert ledger.states(world.risk.unsafe).tolist() == [1]
-    ledger.show(BOTH, world.sets)
-    assert ledger.states(world.risk.unsafe).tolist() == [1]
+    budget.see(0, 0, world.risk.unsafe)
+    assert budget.states(world.risk.unsafe).tolist() == [1]
+    budget.show(BOTH, world.sets)
+    assert budget.states(world.risk.unsafe).tolist() == [1]
     unsure = make_sets(choices, {3}, num_states=4, unsure={(1, 0)})
     assert consistent(unsure, np.zeros(2, dtype=np.bool_)).tolist() == [False, True, False, True]
 
 
 def test_a_state_that_nothing_explains_has_the_least_that_may_be_left() -> None:
     world = place(CORRIDOR, 0.25, 7)
-    ledger = world.ledger([Saw(0, 0), Took(0), Saw(4, 1)])
-    assert ledger.budgets[4] == pytest.approx(0.15)
+    budget = world.budget([Saw(0, 0), Took(0), Saw(4, 1)])
+    assert budget.budgets[4] == pytest.approx(0.15)
 
 
 def test_a_violation_that_is_seen_begins_a_new_budget_and_one_that_is_not_seen_does_not() -> None:
     choices: Sets = {0: {0: [{0: 0.9, 1: 0.1}], 1: [{0: 1.0}]}, 1: {0: [{0: 1.0}], 1: [{1: 1.0}]}}
     world = place(choices, 0.15, 2)
-    assert world.ledger([Saw(0, 0), Took(0), Saw(1, 1)]).budgets[1] == 0.15
-    hidden = world.ledger([Saw(0, 0), Took(0)])
+    assert world.budget([Saw(0, 0), Took(0), Saw(1, 1)]).budgets[1] == 0.15
+    hidden = world.budget([Saw(0, 0), Took(0)])
     assert hidden.states(world.risk.unsafe).tolist() == [0]
-    assert world.ledger([Saw(0, 0), Took(0), Took(0)]).budgets[0] == 0.0
+    assert world.budget([Saw(0, 0), Took(0), Took(0)]).budgets[0] == 0.0
 
 
 def test_what_is_not_settled_is_charged_by_the_models_credible_after_a_change() -> None:
     world = place(CORRIDOR, 0.5, 7)
-    ledger = world.ledger([Saw(0, 0), Took(0), Saw(1, 1), Took(0)])
+    budget = world.budget([Saw(0, 0), Took(0), Saw(1, 1), Took(0)])
     worse: Sets = {**CORRIDOR, 1: {0: [{2: 0.7, 6: 0.3}, {1: 1.0}], 1: [{1: 1.0}]}}
     sets = make_sets(worse, {6}, num_states=7)
-    assert ledger.budgets[2] == pytest.approx(0.3)
-    ledger.renew(robust_risk(sets), sets)
+    assert budget.budgets[2] == pytest.approx(0.3)
+    budget.renew(robust_risk(sets), sets)
     # 0.1 is settled and stays spent; the step from 1 cost 0.3, and may have led nowhere.
-    assert ledger.budgets[2] == pytest.approx(0.1)
-    assert ledger.states(world.risk.unsafe).tolist() == [1, 2]
+    assert budget.budgets[2] == pytest.approx(0.1)
+    assert budget.states(world.risk.unsafe).tolist() == [1, 2]
 
 
 def test_where_ways_meet_the_one_that_cost_more_counts() -> None:
@@ -280,7 +280,7 @@ def test_where_ways_meet_the_one_that_cost_more_counts() -> None:
         1: {0: [{1: 1.0}], 1: [{0: 0.6, 3: 0.4}]},
         2: {0: [{2: 1.0}], 1: [{0: 0.9, 3: 0.1}]},
     }
-    hidden = place(choices, 0.5).ledger([Saw(0, 0), Took(0), Took(1)])
+    hidden = place(choices, 0.5).budget([Saw(0, 0), Took(0), Took(1)])
     assert hidden.budgets[0] == pytest.approx(0.1)
 
 
@@ -288,6 +288,6 @@ def test_while_the_episode_goes_on_the_task_is_not_complete() -> None:
     """State 2 has no actions: had it got there, nothing more would be done."""
     choices: Sets = {0: {0: [{1: 0.5, 2: 0.5}]}, 1: {0: [{1: 1.0}]}}
     world = place(choices, 0.1)
-    assert world.ledger([Saw(0, 0), Took(0)]).states(world.risk.unsafe).tolist() == [1]
+    assert world.budget([Saw(0, 0), Took(0)]).states(world.risk.unsafe).tolist() == [1]
     assert world.allowed([Saw(0, 0), Took(0)]) == ([0], False)
-    assert world.ledger([]).states(world.risk.unsafe).tolist() == [0, 1]
+    assert world.budget([]).states(world.risk.unsafe).tolist() == [0, 1]

@@ -1,4 +1,4 @@
-"""A prior that remembers: a mixture, in which what was met has half of the weight."""
+"""The updated prior is a mixture, in which the posterior has half of the weight."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from merap.belief.outside import Outside
 from merap.belief.posterior import prior_belief
-from merap.belief.remembering import SHARE, base_weight, likeliest, remembered
+from merap.belief.prior_update import SHARE, base_weight, likeliest, updated_prior
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import load_case
 
@@ -22,8 +22,8 @@ def space() -> HypothesisSpace:
 def test_the_new_prior_is_a_mixture(space: HypothesisSpace) -> None:
     certain = np.full_like(space.objective_prior, -np.inf)
     certain[-1] = 0.0
-    met = prior_belief(replace(space, objective_prior=certain))
-    found = remembered(space, met)
+    belief = prior_belief(replace(space, objective_prior=certain))
+    found = updated_prior(space, belief)
     before, after = np.exp(space.objective_prior), np.exp(found.objective_prior)
     assert after.sum() == pytest.approx(1)
     assert after[-1] == pytest.approx(SHARE + (1 - SHARE) * before[-1])

@@ -1,8 +1,6 @@
-"""The loop's shield: what is seen, late or never, and what may be done then."""
+"""The shield where observations come late or never: what may be done then."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +9,10 @@ from merap.belief.outside import Outside
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
-from merap.mapek.loop_shield import LoopShield
-from merap.mapek.messages import Monitored, Sighting, Transition
 from merap.mdp.model import Bools
-from merap.shield.learning_shield import ShieldSettings
+from merap.shield.learning_shield import LearningShield, ShieldSettings
 from merap.systems.interface import Observation
-from tests.support.loop_examples import monitored
+from merap.systems.sightings import News, Sighting, Transition
 from tests.support.paths import MODELS
 from tests.support.shield_examples import gutter
 from tests.support.trained_runs import grid_case
@@ -50,7 +46,7 @@ class Told:
 
     def __init__(self, space: HypothesisSpace, threshold: float) -> None:
         self.space = space
-        self.shield = LoopShield(space, HORIZON, ShieldSettings(threshold))
+        self.shield = LearningShield(space, HORIZON, ShieldSettings(threshold))
         # In a terminal mode everything but the automaton's own action.
         self.enabled: Bools = np.array([name != "measure" for name in space.case.actions])
         self.time = 0
@@ -58,15 +54,11 @@ class Told:
     def observation(self, location: str) -> Observation:
         return Observation(self.space.valuations[state(self.space, location)], self.enabled, -1.0, 1.0, False)
 
-    def message(self, *news: Sighting | Transition, problems: tuple[str, ...] = ()) -> Monitored:
-        sent = monitored(None, news, step=self.time, problems=problems)
-        return replace(sent, enabled=self.enabled)
-
     def begin(self, location: str | None = None) -> None:
         """An episode, seen to begin at a location or not."""
         self.time = 0
         self.shield.begin()
-        self.shield.observe(self.message(*([] if location is None else [self.sighting(location)])))
+        self.shield.follow([] if location is None else [self.sighting(location)], self.enabled)
 
     def sighting(self, location: str, time: int | None = None) -> Sighting:
         at = self.time if time is None else time
@@ -76,18 +68,18 @@ class Told:
         ends = state(self.space, origin), action, state(self.space, target)
         return Transition(time, *ends, self.observation(target))
 
-    def take(self, action: int, *news: Sighting | Transition, fault: str | None = None) -> None:
+    def take(self, action: int, *news: News, fault: bool = False) -> None:
         """Execute an action, and learn what arrives."""
-        self.shield.took(action, surely=fault is None)
+        self.shield.took(action, surely=not fault)
         self.time += 1
-        self.shield.observe(self.message(*news, problems=() if fault is None else (fault,)))
+        self.shield.follow(news, None if fault else self.enabled)
 
     def step(self, origin: str, action: int, target: str) -> None:
         """A step that is seen at once."""
         self.take(action, self.transition(self.time, origin, action, target))
 
     def allowed(self) -> set[str]:
-        mask = self.shield.allowed(self.message())
+        mask = self.shield.allowed(self.enabled)
         return {name for name, free in zip(self.space.case.actions, mask, strict=True) if free}
 
 
@@ -105,8 +97,8 @@ def test_steps_are_followed_and_counted(example: HypothesisSpace) -> None:
     assert "east" in told.allowed()
     told.step("S", east, "lobby")
     assert "east" in told.allowed()
-    counts = told.shield.as_dict()
-    assert (counts["episodes"], counts["steps"], counts["worst_risk"]) == (1, 2, 0.0)
+    counts = told.shield.report()
+    assert (counts.episodes, counts.steps, counts.worst_risk) == (1, 2, 0.0)
 
 
 def test_all_places_where_the_system_may_be_count(example: HypothesisSpace) -> None:
@@ -140,9 +132,9 @@ def test_a_step_is_charged_and_an_episode_begins_with_a_whole_budget(beside: Hyp
         assert told.allowed() == {"stop", "right"}
         told.step("r0c0", RIGHT, "r0c1")
         assert told.allowed() == {"stop"}
-    counts = told.shield.as_dict()
-    assert (counts["episodes"], counts["steps"], counts["withheld"], counts["fallbacks"]) == (2, 4, 2, 0)
-    assert counts["worst_risk"] == pytest.approx(0.2)
+    counts = told.shield.report()
+    assert (counts.episodes, counts.steps, counts.withheld, counts.fallbacks) == (2, 4, 2, 0)
+    assert counts.worst_risk == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(("threshold", "times"), [(0.15, 0), (0.25, 1), (0.45, 2), (0.65, 3)])
@@ -162,10 +154,10 @@ def test_steps_that_are_seen_late_are_charged_when_they_are_executed(
     for late in range(max(crossed - 1, 1), crossed + 1):
         told.take(STOP, told.transition(late - 1, f"r0c{late - 1}", RIGHT, f"r0c{late}"))
     assert told.allowed() == {"stop"}
-    counts = told.shield.as_dict()
-    assert (counts["episodes"], counts["fallbacks"]) == (1, 0)
-    assert counts["steps"] == times + 2
-    assert counts["withheld"] == 2
+    counts = told.shield.report()
+    assert (counts.episodes, counts.fallbacks) == (1, 0)
+    assert counts.steps == times + 2
+    assert counts.withheld == 2
 
 
 def test_after_a_gap_what_remained_remains(beside: HypothesisSpace) -> None:
@@ -178,7 +170,7 @@ def test_after_a_gap_what_remained_remains(beside: HypothesisSpace) -> None:
     told.take(RIGHT)
     told.take(STOP, told.sighting("r0c2", 4))
     assert told.allowed() == {"stop"}
-    assert told.shield.as_dict()["episodes"] == 1
+    assert told.shield.report().episodes == 1
 
 
 def test_until_it_is_seen_the_system_may_be_anywhere(example: HypothesisSpace) -> None:
@@ -186,7 +178,7 @@ def test_until_it_is_seen_the_system_may_be_anywhere(example: HypothesisSpace) -
     told.begin()
     assert not {"east", "west"} & told.allowed()
     assert "stop" in told.allowed()
-    assert told.shield.as_dict()["fallbacks"] == 0
+    assert told.shield.report().fallbacks == 0
     told.take(example.case.actions.index("stop"), told.sighting("S", 0))
     assert "east" in told.allowed()
 
@@ -195,12 +187,12 @@ def test_after_a_fault_nothing_is_known_of_what_is_enabled(example: HypothesisSp
     """It is what was enabled before: the robot may scan, where it can't do anything else."""
     told = Told(example, 0.0)
     told.begin("S")
-    told.take(example.case.actions.index("start_scan"), fault="no answer")
+    told.take(example.case.actions.index("start_scan"), fault=True)
     told.allowed()
-    assert told.shield.as_dict()["fallbacks"] == 1
+    assert told.shield.report().fallbacks == 1
     told.take(example.case.actions.index("stop"))
     assert "east" in told.allowed()
-    assert told.shield.as_dict()["fallbacks"] == 1
+    assert told.shield.report().fallbacks == 1
 
 
 def test_what_is_seen_loosens_the_very_next_step_and_what_is_forgotten_tightens_it(
@@ -216,7 +208,7 @@ def test_what_is_seen_loosens_the_very_next_step_and_what_is_forgotten_tightens_
         assert loosened == (number + 1 >= 85)
     told.begin("r0c0")
     assert told.allowed() == {"stop", "right"}
-    told.shield.forget(told.message(told.sighting("r0c0")))
+    told.shield.forget(told.observation("r0c0"))
     assert told.allowed() == {"stop"}
     # It goes on to learn from where the system is.
     for _ in range(REFUTING):
@@ -231,12 +223,12 @@ def test_a_change_amid_an_episode_leaves_the_budget_spent(beside: HypothesisSpac
     told.begin("r0c0")
     step = told.transition(0, "r0c0", RIGHT, "r0c1")
     told.take(RIGHT, step)
-    told.shield.forget(told.message(step))
+    told.shield.forget(step.observation)
     assert told.allowed() == {"stop"}
     told.begin("r0c0")
     assert told.allowed() == {"stop", "right"}
-    counts = told.shield.as_dict()
-    assert (counts["episodes"], counts["steps"]) == (2, 2)
+    counts = told.shield.report()
+    assert (counts.episodes, counts.steps) == (2, 2)
 
 
 def test_a_change_while_a_step_is_not_settled_charges_it_by_what_is_credible_again(
@@ -249,7 +241,7 @@ def test_a_change_while_a_step_is_not_settled_charges_it_by_what_is_credible_aga
     told.begin("r0c0")
     told.take(RIGHT)
     assert "right" in told.allowed()
-    told.shield.forget(told.message(told.sighting("r0c0", 0)))
+    told.shield.forget(told.observation("r0c0"))
     # 0.35 less 0.2 for the step on the way, where a step now costs 0.2 again; the next one too.
     assert told.allowed() == {"stop"}
 
@@ -257,11 +249,11 @@ def test_a_change_while_a_step_is_not_settled_charges_it_by_what_is_credible_aga
 def test_the_state_is_known_after_a_change(example: HypothesisSpace) -> None:
     told = Told(example, 0.0)
     told.begin("hall_nw")
-    told.shield.forget(told.message(told.sighting("hall_nw")))
+    told.shield.forget(told.observation("hall_nw"))
     assert "east" not in told.allowed()
     assert {"stop", "south", "west", "start_scan"} <= told.allowed()
-    counts = told.shield.as_dict()
-    assert (counts["episodes"], counts["steps"], counts["fallbacks"]) == (1, 2, 0)
+    counts = told.shield.report()
+    assert (counts.episodes, counts.steps, counts.fallbacks) == (1, 2, 0)
 
 
 def test_a_policy_is_carried_out_within_the_mask(example: HypothesisSpace) -> None:
@@ -292,4 +284,4 @@ def test_a_policy_may_risk_more_where_less_is_left_of_the_way(beside: Hypothesis
 
 def test_where_nothing_is_unsafe_there_is_nothing_to_shield_from() -> None:
     with pytest.raises(InputError, match="unsafe"):
-        LoopShield(hypothesis_space(grid_case()), 18, ShieldSettings(0.0))
+        LearningShield(hypothesis_space(grid_case()), 18, ShieldSettings(0.0))

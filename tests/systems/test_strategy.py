@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from merap.mdp.model import Bools, Floats
-from merap.strategies.drawing import draw_action
+from merap.systems.strategy import draw_action
 
 JUST_BELOW_1 = math.nextafter(1.0, 0.0)
 ALL = np.ones(3, dtype=np.bool_)

@@ -9,11 +9,10 @@ import pytest
 
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
-from merap.mapek.components import build
+from merap.mapek.components import make_components, make_trigger
 from merap.mapek.scenario import read_scenario
 from merap.mapek.scenario_schema import scenario_schema
 from merap.trigger.change import ChangeTrigger
-from merap.trigger.making import make_trigger
 from merap.trigger.settings import ChangeSettings, TriggerSpec, WindowSettings
 from merap.trigger.trigger import Trigger
 from merap.trigger.window import WindowTrigger
@@ -133,5 +132,5 @@ def test_a_strategy_that_is_none_for_the_loop_is_named_with_its_place(
     path = tmp_path / "scenario.yaml"
     path.write_text(MOVED.replace("strategy: {updates: 3}", f"strategy: {strategy}"), encoding="utf-8")
     with pytest.raises(InputError) as error:
-        build(run, read_scenario(path), "merap")
+        make_components(run, read_scenario(path), "merap")
     assert str(error.value).startswith(f"{path}:6: {message}")

@@ -1,8 +1,8 @@
-"""The budget of an episode whose steps are seen late, or never.
+"""The budget of an episode under partial observation: steps are seen late, or never.
 
 What `budget` says of b holds whatever decides the actions and whatever it has seen: as long as
 Q(s_t, a_t) <= b_t in the state s_t where the system really is, the probability of ever reaching an
-unsafe state in the episode is at most lambda. Where s_t is not seen, neither is b_t. The ledger keeps
+unsafe state in the episode is at most lambda. Where s_t is not seen, neither is b_t. This class keeps
 B_t(s), the least that b_t can be if the system is in s now; it is infinite where the system can't be
 under any credible model. When an action is executed it is charged in all those states at once,
 
@@ -57,7 +57,7 @@ class Charge:
     enabled: Bools | None = None
 
 
-class Ledger:
+class PartiallyObservedBudget:
     """What is left of an episode's budget, wherever the system may be.
 
     Args:
