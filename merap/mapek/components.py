@@ -21,7 +21,7 @@ from merap.mapek.managers import make_manager, require_strategy
 from merap.mapek.monitor import Monitor, Sensors
 from merap.mapek.planner import Planner
 from merap.mapek.recorded_system import RecordedSystem
-from merap.mapek.run_store import NO_HISTORY, History
+from merap.mapek.run_store import NO_HISTORY, RunHistory
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import ScenarioSpec
 from merap.mapek.scenario_system import ScenarioSystem
@@ -47,7 +47,7 @@ def make_components(
     run: RunFolder,
     scenario: Scenario,
     manager: str,
-    history: History = NO_HISTORY,
+    history: RunHistory = NO_HISTORY,
     guard: Guard = unguarded,
     live: ManagedSystem | None = None,
 ) -> Components:

@@ -18,7 +18,7 @@ from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.loop import Components, Loop
 from merap.mapek.managers import MERAP
 from merap.mapek.records import EpisodeLog, EpisodeRow
-from merap.mapek.run_store import NO_HISTORY, History, RecordedEpisode, RunStore, read_history
+from merap.mapek.run_store import NO_HISTORY, RecordedEpisode, RunHistory, RunStore, read_history
 from merap.mapek.scenario import Scenario
 from merap.mapek.scores import LoopReport, reactions
 from merap.systems.faults import SystemFault
@@ -93,7 +93,7 @@ def run_loop(
 def _rows(
     components: Components,
     episodes: int,
-    history: History,
+    history: RunHistory,
     store: RunStore | None,
     on_episode: OnEpisode,
 ) -> tuple[tuple[EpisodeRow, ...], tuple[float, ...], SystemFault | None]:
@@ -143,7 +143,7 @@ def _last_run(run: RunFolder, scenario: Scenario, manager: str, knowledge: Knowl
 
 
 def _course(
-    components: Components, episodes: int, history: History, store: RunStore | None
+    components: Components, episodes: int, history: RunHistory, store: RunStore | None
 ) -> Iterator[tuple[EpisodeRow, float]]:
     """Yield the row of the report and the seconds of wall time of each episode."""
     loop = Loop(components)

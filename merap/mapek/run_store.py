@@ -60,7 +60,7 @@ class RecordedEpisode:
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class RunHistory:
     """The committed episodes of a run.
 
     Attributes:
@@ -72,7 +72,7 @@ class History:
     system: Mapping[str, Any] | None = None
 
 
-NO_HISTORY = History()
+NO_HISTORY = RunHistory()
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +200,7 @@ def _taken(log: EpisodeLog) -> dict[str, int]:
     }
 
 
-def read_history(knowledge: KnowledgeBase, run: int) -> History:
+def read_history(knowledge: KnowledgeBase, run: int) -> RunHistory:
     """Return the committed episodes of a run.
 
     Raises:
@@ -235,4 +235,4 @@ def read_history(knowledge: KnowledgeBase, run: int) -> History:
         if one.kind == FALLBACK and one.reasons[0] in set(Lateness):
             late[one.episode][one.step] = Lateness(one.reasons[0])
     episodes = map(RecordedEpisode, rows, seconds, map(tuple, observations), late, taken)
-    return History(tuple(episodes), system)
+    return RunHistory(tuple(episodes), system)
