@@ -29,7 +29,7 @@ from merap.belief.outside import (
     unknown_capabilities,
 )
 from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Combination, Objective
+from merap.concerns.combination import Capability, Combination, Objective
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
@@ -146,9 +146,7 @@ def hypothesis_space(
     supports = case.supports
     environments, capabilities = list(supports.environment), list(supports.capability)
     attribute_class, attribute_members = _classes([id(one.attributes) for one in environments])
-    capability_class, capability_members = _classes(
-        [repr((one.external, one.innate)) for one in capabilities]
-    )
+    capability_class, capability_members = _classes([_dynamics(one) for one in capabilities])
     representatives = [[case.combine(e, c, 0) for c in capability_members] for e in attribute_members]
     disturbed = disturbances(case, capability_members, representatives, declared.odds)
     tables = stacked(disturbed)
@@ -209,6 +207,20 @@ def _classes(keys: Sequence[object]) -> tuple[Ints, list[int]]:
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     members = {numbers[key]: index for index, key in reversed(list(enumerate(keys)))}
     return np.array([numbers[key] for key in keys]), [members[number] for number in range(len(numbers))]
+
+
+def _dynamics(capability: Capability) -> tuple[object, ...]:
+    """Return what two capabilities share that move and change mode alike."""
+    innate = capability.innate
+    if innate is None:
+        return capability.external, None
+    rows = tuple(
+        (action.name, mode, target, share)
+        for action in innate.actions
+        for mode, row in action.transitions.items()
+        for target, share in row.items()
+    )
+    return capability.external, innate.entry, innate.initial, innate.terminal, innate.restart, rows
 
 
 def _prior(environment: Floats, capability: Floats, slip: Floats) -> Floats:
