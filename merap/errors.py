@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from merap.masking import masked
+
 
 class MerapError(Exception):
-    """Something the caller can mend; `str(error)` is one clear line.
+    """Something the caller can mend; `str(error)` is one clear line, without secrets (`merap.masking`).
 
     `exit_code` is what the command line returns for it.
     """
 
     exit_code: ClassVar[int] = 2
+
+    def __init__(self, message: str) -> None:
+        super().__init__(masked(message))
 
 
 class InputError(MerapError):
@@ -32,7 +37,7 @@ class InputError(MerapError):
         line: int | None = None,
         key: str | None = None,
     ) -> None:
-        self.message = " ".join(message.split())
+        self.message = masked(" ".join(message.split()))
         self.source = source
         self.line = line
         self.key = key

@@ -8,9 +8,11 @@ from types import ModuleType
 import pytest
 
 import merap
+import merap.knowledge
 import merap.mdp
+import merap.systems
 
-FACES = [merap, merap.mdp]
+FACES = [merap, merap.knowledge, merap.mdp, merap.systems]
 
 
 @pytest.mark.parametrize("face", FACES)

@@ -18,7 +18,7 @@ from merap.errors import MerapError
 if TYPE_CHECKING:
     from merap.concerns.case_study import CaseStudy
     from merap.knowledge.base import KnowledgeBase
-    from merap.knowledge.replay import Difference
+    from merap.knowledge.replay import DecisionDifference
     from merap.knowledge.rows import DecisionRow, ObservationRow, RunRow
 
 Db: TypeAlias = Annotated[
@@ -33,6 +33,8 @@ RunNumber: TypeAlias = Annotated[
     int, typer.Argument(metavar="NUMBER", help="Of the run, as `list` shows it.", show_default=False)
 ]
 MOMENT = "%Y-%m-%d %H:%M:%S"
+# The value of every variable in the completed state, `ABSORBING_VALUE` of `merap.mdp.canonical`.
+COMPLETED = -1
 
 
 def register(app: typer.Typer) -> None:
@@ -175,13 +177,13 @@ def replay(
     """What was seen and decided, in order; exit 1 if it would not be decided so again."""
     from dataclasses import asdict
 
-    from merap.knowledge import replay as replaying
     from merap.knowledge.export import decision_record, observation_record
+    from merap.knowledge.replay import timeline
     from merap.knowledge.rows import ObservationRow
 
     require_free_report(json, force=force)
     with _opened(db) as knowledge:
-        rows = list(replaying.replay(knowledge, run))
+        rows = list(timeline(knowledge, run))
         case = _case(db if check is None else str(check), knowledge.run(run).digest)
         found = () if check is None else _differences(check, knowledge, run)
     records = [
@@ -205,7 +207,7 @@ def replay(
         raise typer.Exit(1)
 
 
-def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[Difference, ...]:
+def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[DecisionDifference, ...]:
     from merap.learning.run_folder import read_run
     from merap.mapek.replaying import check_decisions
 
@@ -241,7 +243,9 @@ def _timeline_row(
 
 
 def _state(valuation: Sequence[int], case: CaseStudy | None) -> str:
-    """A state by names where they are known: its location, and its mode if there are several."""
+    """Show a state by names where they are known: its location, and its mode if there are several."""
+    if all(value == COMPLETED for value in valuation):
+        return "complete"
     if case is None:
         return " ".join(map(str, valuation))
     *where, mode = valuation

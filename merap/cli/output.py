@@ -16,6 +16,7 @@ from rich.table import Table
 
 from merap.errors import OutputError
 from merap.families.folder import write_file
+from merap.masking import masked
 
 Item = TypeVar("Item")
 PIPE_WIDTH = 160
@@ -30,8 +31,8 @@ def say(message: str) -> None:
 
 
 def complain(message: str) -> None:
-    """A line of error on standard error."""
-    err.print(f"error: {message}", markup=False)
+    """Print a line of error on standard error, without secrets that were typed in a wrong place."""
+    err.print(f"error: {masked(message)}", markup=False)
 
 
 def warn(messages: Iterable[str]) -> None:

@@ -29,10 +29,10 @@ class Document:
     """
 
     source: str
-    content: bytes
-    root: Node | None
-    data: Mapping[str, Any]
-    mounts: Mapping[str, Document] = field(default_factory=dict)
+    content: bytes = field(repr=False)
+    root: Node | None = field(repr=False)
+    data: Mapping[str, Any] = field(repr=False)
+    mounts: Mapping[str, Document] = field(default_factory=dict, repr=False)
 
     def with_mount(self, key: str, document: Document) -> Document:
         """The same with `document`'s content in place of the value of `key`."""

@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 
 from merap.concerns.document import KeyPath
 from merap.concerns.names import IDENTIFIER, suggestion
+from merap.masking import masked_url
 from merap.mdp.short_repr import ShortRepr
 
 
@@ -57,7 +58,8 @@ def shown(value: Any) -> str:
     elif isinstance(value, tuple):
         text = "[" + ", ".join(shown(part) for part in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
     else:
-        text = repr(value)
+        # Before it is shortened: a URL that is cut can't be recognised.
+        text = repr(masked_url(value) if isinstance(value, str) else value)
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 

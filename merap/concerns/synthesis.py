@@ -1,7 +1,7 @@
 """Composition by definition: the MDP of a combination as arrays, without any text.
 
-The rules are numbered as in the design: 1 external actions, 2 where they are enabled,
-3 innate actions, 4 rewards and ends. This is the second route beside PRISM text and Storm.
+The rules have numbers: 1 external actions, 2 where they are enabled, 3 innate actions,
+4 rewards and ends. This is the second route beside PRISM text and Storm.
 Axes: P locations, Q modes, A actions, B branches. State (p, q) has index p * Q + q; state
 (p, q, done) has index 2 * (p * Q + q) + done.
 """

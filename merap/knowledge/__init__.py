@@ -1,1 +1,8 @@
-"""The knowledge base: what was known, seen, decided and learned online, for good."""
+"""The knowledge base: an append-only record of what a loop has seen, decided and learned.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

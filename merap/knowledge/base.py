@@ -1,4 +1,4 @@
-"""The knowledge base: an append-only history of runs in a database.
+"""Keep an append-only history of runs in a database.
 
 A correction is a new row. Nothing here updates or deletes, and triggers in the database refuse both.
 """
@@ -15,11 +15,9 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
-from merap.closing import Closing
 from merap.errors import InputError, MerapError
 from merap.knowledge import tables
 from merap.knowledge.engine import read_url, require_ours
-from merap.knowledge.patience import Patience
 from merap.knowledge.reading import count, last_position, read_page, read_runs
 from merap.knowledge.rows import (
     Checkpoint,
@@ -38,7 +36,7 @@ from merap.knowledge.store import Store
 from merap.knowledge.writing import append, insert_row, store
 
 KINDS: Mapping[str, type[tables.History]] = {table.__tablename__: table for table in tables.HISTORY}
-PATIENCE = Patience()
+LOCK_TIMEOUT = 30.0
 _logger = logging.getLogger(__name__)
 
 
@@ -46,15 +44,15 @@ def open_knowledge(
     url: str,
     *,
     create: bool = True,
-    patience: Patience = PATIENCE,
+    lock_timeout: float = LOCK_TIMEOUT,
     notice: Callable[[str], None] = _logger.warning,
 ) -> KnowledgeBase:
     """Open a knowledge base; one of an older schema is migrated.
 
     Args:
         url: `sqlite:///FILE` or `postgresql://USER@HOST/DATABASE`.
-        create: one that is missing is made.
-        patience: with a lock that another process holds.
+        create: whether one that is missing is made.
+        lock_timeout: seconds to wait for a lock that another process holds.
         notice: is told of such waiting, in one line.
 
     Raises:
@@ -63,7 +61,7 @@ def open_knowledge(
     """
     read = read_url(url)
     require_ours(read, create=create)
-    opened = Store(read, patience, notice)
+    opened = Store(read, lock_timeout, notice)
     try:
         found = opened.read(current_schema)
         if found is None and not create:
@@ -76,7 +74,7 @@ def open_knowledge(
     return KnowledgeBase(opened)
 
 
-class KnowledgeBase(Closing):
+class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
     """An open knowledge base; see `open_knowledge`. Several threads may use it, one at a time.
 
     What a method records is committed when it returns, unless it is called inside
@@ -92,12 +90,15 @@ class KnowledgeBase(Closing):
         """The file or URL, without a password."""
         return self._store.place
 
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Give the connections back."""
         self._store.close()
 
     def transaction(self) -> AbstractContextManager[None]:
-        """What the block records is committed at its end, or not at all; one inside another joins it."""
+        """Commit what the block records at its end, or nothing of it; one inside another joins it."""
         return self._store.transaction()
 
     def start_run(self, name: str, case: str, digest: str, settings: Mapping[str, Any]) -> int:
@@ -110,11 +111,11 @@ class KnowledgeBase(Closing):
             settings: as JSON.
         """
         row = {"name": name, "case": case, "digest": digest, "settings": settings, "started": now()}
-        return self._store.write(partial(insert_row, table=tables.Run, row=row))
+        return self._store.write(partial(insert_row, table=tables.RunTable, row=row))
 
     def record_model(self, run: int, name: str, umb: bytes) -> int:
         """Record a model (a UMB archive), and return its number."""
-        return self._record(run, tables.Model, {"name": name}, umb)
+        return self._record(run, tables.ModelTable, {"name": name}, umb)
 
     def record_policy(
         self, run: int, kind: PolicyKind, step: int, tensors: bytes, model: int | None = None
@@ -128,37 +129,37 @@ class KnowledgeBase(Closing):
             tensors: safetensors.
             model: the number of the model that it was made for.
         """
-        return self._record(run, tables.Policy, {"kind": kind, "step": step, "model_id": model}, tensors)
+        return self._record(run, tables.PolicyTable, {"kind": kind, "step": step, "model_id": model}, tensors)
 
     def record_observations(self, run: int, rows: Sequence[ObservationRow]) -> None:
         """Record observations, in this order."""
         if rows:
-            self._append(run, tables.Observation, [vars(row) for row in rows])
+            self._append(run, tables.ObservationTable, [vars(row) for row in rows])
 
     def record_decision(self, run: int, row: DecisionRow) -> int:
         """Record a decision with its reasons, and return its number."""
-        return self._record(run, tables.Decision, vars(row))
+        return self._record(run, tables.DecisionTable, vars(row))
 
     def record_event(self, run: int, row: EventRow) -> int:
         """Record a line of the log, and return its number."""
-        return self._record(run, tables.Event, vars(row))
+        return self._record(run, tables.EventTable, vars(row))
 
     def record_checkpoint(self, run: int, episode: int, state: bytes) -> int:
-        """Record a state to go on from, after so many episodes, and return its number.
+        """Record a state to go on from after a number of episodes, and return its own number.
 
         Raises:
             StorageError: there is one already, so another process goes on with this run.
         """
-        return self._record(run, tables.Checkpoint, {"episode": episode}, state)
+        return self._record(run, tables.CheckpointTable, {"episode": episode}, state)
 
     def finish_run(self, run: int, report: Mapping[str, Any]) -> None:
         """Record how a run ended; of several reports the last one holds."""
-        self._record(run, tables.Report, {"report": report})
+        self._record(run, tables.ReportTable, {"report": report})
 
     def latest_checkpoint(self, run: int) -> Checkpoint | None:
-        """The last state that was recorded; None if there is none."""
+        """Return the last state that was recorded; None if there is none."""
         self._require(run)
-        table = tables.Checkpoint
+        table = tables.CheckpointTable
         query = (
             select(table.episode, table.digest)
             .where(table.run_id == run)
@@ -169,12 +170,12 @@ class KnowledgeBase(Closing):
         return None if found is None else Checkpoint(found.episode, self.blob(found.digest))
 
     def blob(self, digest: str) -> bytes:
-        """The bytes with that SHA-256.
+        """Return the bytes with that SHA-256.
 
         Raises:
             InputError: there are none, or they are damaged.
         """
-        query = select(tables.Blob.content).where(tables.Blob.digest == digest)
+        query = select(tables.BlobTable.content).where(tables.BlobTable.digest == digest)
         content = self._store.read(lambda connection: connection.scalar(query))
         if content is None or hashlib.sha256(content).hexdigest() != digest:
             damage = "missing" if content is None else "damaged"
@@ -182,52 +183,52 @@ class KnowledgeBase(Closing):
         return content
 
     def runs(self) -> tuple[RunRow, ...]:
-        """All runs, in order of their numbers."""
+        """Return all runs, in order of their numbers."""
         return self._store.read(read_runs)
 
     def run(self, run: int) -> RunRow:
-        """A run."""
+        """Return a run."""
         found = self._store.read(partial(read_runs, run=run))
         if not found:
             raise InputError(f"there is no run {run}", source=self.place)
         return found[0]
 
     def counts(self, run: int) -> Mapping[str, int]:
-        """How many entries of each kind a run has."""
+        """Count the entries of each kind that a run has."""
         self._require(run)
         return {name: self._store.read(partial(count, table=table, run=run)) for name, table in KINDS.items()}
 
     def observations(self, run: int) -> Iterator[ObservationRow]:
-        """What was seen, in order."""
+        """Iterate over what was observed, in order."""
         rows = (entry.row for entry in self.history(run, ("observation",)))
         return (row for row in rows if isinstance(row, ObservationRow))
 
     def decisions(self, run: int) -> Iterator[DecisionRow]:
-        """What was decided, in order."""
+        """Iterate over what was decided, in order."""
         rows = (entry.row for entry in self.history(run, ("decision",)))
         return (row for row in rows if isinstance(row, DecisionRow))
 
     def events(self, run: int) -> Iterator[EventRow]:
-        """The log, in order."""
+        """Iterate over the log, in order."""
         rows = (entry.row for entry in self.history(run, ("event",)))
         return (row for row in rows if isinstance(row, EventRow))
 
     def models(self, run: int) -> tuple[ModelRow, ...]:
-        """The models, in order."""
+        """Return the models, in order."""
         rows = (entry.row for entry in self.history(run, ("model",)))
         return tuple(row for row in rows if isinstance(row, ModelRow))
 
     def policies(self, run: int) -> tuple[PolicyRow, ...]:
-        """The policies, in order."""
+        """Return the policies, in order."""
         rows = (entry.row for entry in self.history(run, ("policy",)))
         return tuple(row for row in rows if isinstance(row, PolicyRow))
 
     def history(self, run: int, kinds: Sequence[str] = tuple(KINDS)) -> Iterator[Entry]:
-        """Entries in the order in which they were recorded.
+        """Iterate over entries in the order in which they were recorded.
 
         Args:
             run: whose.
-            kinds: names in KINDS; all by default.
+            kinds: names of `KINDS`; all by default.
         """
         self._require(run)
         streams = [self._entries(KINDS[kind], run) for kind in kinds]

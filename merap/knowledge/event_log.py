@@ -1,4 +1,4 @@
-"""The log: JSON lines in a file, and the same events in the knowledge base.
+"""Keep the log: JSON lines in a file, and the same events in the knowledge base.
 
 A handler of the `logging` module would swallow what goes wrong when it writes; here it is told.
 """
@@ -22,6 +22,7 @@ from merap.errors import MerapError, StorageError
 from merap.knowledge.base import KnowledgeBase
 from merap.knowledge.export import event_record
 from merap.knowledge.rows import EventRow, Level, now
+from merap.masking import masked, masked_data
 
 FILE_NAME = "events.jsonl"
 MOST_WAITING = 10_000
@@ -112,11 +113,11 @@ class EventLog:
         self._lock = threading.RLock()
 
     def event(self, component: str, level: Level, message: str, **data: object) -> None:
-        """Say that something has happened.
+        """Record that something has happened.
 
         Args:
-            component: who says it.
-            level: how bad it is.
+            component: the part of the loop that says it.
+            level: its severity.
             message: one line.
             data: figures; what has no JSON form is written as text.
 
@@ -150,12 +151,13 @@ class EventLog:
 
 
 def event_row(component: str, level: Level, message: str, **data: object) -> EventRow:
-    """An event of now; the arguments are those of `EventLog.event`."""
-    return EventRow(now(), component, level, " ".join(message.split()), plain(data))
+    """Build an event of now, without secrets; the arguments are those of `EventLog.event`."""
+    shown = masked(" ".join(message.split()))
+    return EventRow(now(), component, level, shown, masked_data(plain(data)))
 
 
 def plain(value: Any) -> Any:
-    """A value in JSON's terms; NaN, infinities and what JSON has no form for become text."""
+    """Put a value in JSON's terms; NaN, infinities and what JSON has no form for become text."""
     match value:
         case None | bool() | int() | str():
             return value

@@ -1,4 +1,4 @@
-"""A recorded run as a folder of files that other programs read.
+"""Export a recorded run as a folder of files that other programs read.
 
 manifest.json                  kind, run, the SHA-256 of each file
 run.json                       case, settings, report, times
@@ -78,23 +78,23 @@ def export_run(knowledge: KnowledgeBase, run: int, path: Path) -> tuple[str, ...
 
 
 def run_record(row: RunRow) -> dict[str, Any]:
-    """A run in JSON's terms."""
+    """Put a run in JSON's terms."""
     finished = None if row.finished is None else row.finished.isoformat()
     return {**asdict(row), "started": row.started.isoformat(), "finished": finished}
 
 
 def decision_record(row: DecisionRow) -> dict[str, Any]:
-    """A decision in JSON's terms."""
+    """Put a decision in JSON's terms."""
     return {**asdict(row), "reasons": list(row.reasons)}
 
 
 def event_record(row: EventRow) -> dict[str, Any]:
-    """A line of the log in JSON's terms."""
+    """Put a line of the log in JSON's terms."""
     return {**asdict(row), "time": row.time.isoformat(timespec="microseconds")}
 
 
 def observation_record(row: ObservationRow) -> dict[str, Any]:
-    """An observation in JSON's terms."""
+    """Put an observation in JSON's terms."""
     return {name: getattr(row, name) for name in OBSERVATION_COLUMNS}
 
 

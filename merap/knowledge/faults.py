@@ -1,15 +1,16 @@
-"""What a database complains about, in one line, and whether it is worth another try."""
+"""Turn a database's complaint into one line, and tell whether another try is worth it."""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
-from sqlalchemy.exc import DBAPIError, StatementError
+from sqlalchemy.exc import ArgumentError, DBAPIError, StatementError
 
 from merap.errors import InputError, MerapError, StorageError
 from merap.knowledge.tables import CHECKPOINT_EPISODE
+from merap.masking import masked
 
 _KEPT = "what was committed is kept"
 _LOCKED = "is locked by another process"
@@ -38,11 +39,12 @@ class LockedError(StorageError):
 
 
 @contextmanager
-def translated(place: str) -> Iterator[None]:
+def translated(place: str, secrets: Collection[str] = ()) -> Iterator[None]:
     """Turn what a database raises into one clear line.
 
     Args:
         place: of the knowledge base.
+        secrets: what the driver may repeat and nobody shall see.
 
     Raises:
         LockedError: another process holds a lock.
@@ -52,12 +54,14 @@ def translated(place: str) -> Iterator[None]:
     try:
         yield
     except StatementError as error:
-        raise _fault(error, place) from error
+        raise _fault(error, place, secrets) from error
+    except (ArgumentError, UnicodeError) as error:
+        raise InputError(f"can't be connected to: {masked(str(error), secrets)}", source=place) from error
 
 
-def _fault(error: StatementError, place: str) -> MerapError:
+def _fault(error: StatementError, place: str, secrets: Collection[str]) -> MerapError:
     cause = error.orig
-    detail = " ".join(str(cause).split())
+    detail = masked(" ".join(str(cause).split()), secrets)
     if not isinstance(error, DBAPIError):
         return InputError(f"can't be recorded: {detail}", source=place)
     if CHECKPOINT_EPISODE in detail:

@@ -1,4 +1,4 @@
-"""From tables to rows."""
+"""Read rows of the tables."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from merap.knowledge.rows import (
 )
 from merap.knowledge.tables import (
     HISTORY,
-    Checkpoint,
-    Decision,
-    Event,
+    CheckpointTable,
+    DecisionTable,
+    EventTable,
     History,
-    Model,
-    Observation,
-    Policy,
-    Report,
-    Run,
+    ModelTable,
+    ObservationTable,
+    PolicyTable,
+    ReportTable,
+    RunTable,
 )
 
 PAGE = 1000
@@ -75,23 +75,23 @@ def _report(row: RowMapping) -> ReportRow:
 
 
 READERS: Mapping[type[History], Callable[[RowMapping], Row]] = {
-    Observation: _observation,
-    Decision: _decision,
-    Event: _event,
-    Model: _model,
-    Policy: _policy,
-    Checkpoint: _checkpoint,
-    Report: _report,
+    ObservationTable: _observation,
+    DecisionTable: _decision,
+    EventTable: _event,
+    ModelTable: _model,
+    PolicyTable: _policy,
+    CheckpointTable: _checkpoint,
+    ReportTable: _report,
 }
 
 
 def read_page(connection: Connection, table: type[History], run: int, after: int) -> list[Entry]:
-    """The next entries of a kind, at most PAGE, in order.
+    """Return the next entries of a kind, at most PAGE, in order.
 
     Args:
         connection: to read by.
         table: the kind.
-        run: whose.
+        run: its number.
         after: the position of the last one that is known.
     """
     query = (
@@ -107,18 +107,18 @@ def read_page(connection: Connection, table: type[History], run: int, after: int
 
 
 def count(connection: Connection, table: type[History], run: int) -> int:
-    """How many entries of a kind a run has."""
+    """Count the entries of a kind that a run has."""
     number = connection.scalar(select(func.count()).select_from(table).where(table.run_id == run))
     return int(number or 0)
 
 
 def last_position(connection: Connection, run: int, place: str) -> int:
-    """Of the last entry in the history of a run; 0 if there is none.
+    """Return the position of the last entry of a run's history; 0 if there is none.
 
     Raises:
         InputError: there is no such run.
     """
-    beginnings = select(Run.id - Run.id).where(Run.id == run)
+    beginnings = select(RunTable.id - RunTable.id).where(RunTable.id == run)
     ends = [select(func.max(table.position)).where(table.run_id == run) for table in HISTORY]
     found = [*connection.scalars(beginnings.union_all(*ends))]
     positions = [int(position) for position in found if position is not None]
@@ -128,10 +128,10 @@ def last_position(connection: Connection, run: int, place: str) -> int:
 
 
 def read_runs(connection: Connection, run: int | None = None) -> tuple[RunRow, ...]:
-    """All runs, or one."""
-    query: Select[Any] = select(Run.__table__).order_by(Run.id)
+    """Return all runs, or one."""
+    query: Select[Any] = select(RunTable.__table__).order_by(RunTable.id)
     if run is not None:
-        query = query.where(Run.id == run)
+        query = query.where(RunTable.id == run)
     return tuple(
         RunRow(**row, **_ending(connection, row["id"])) for row in connection.execute(query).mappings().all()
     )
@@ -139,9 +139,9 @@ def read_runs(connection: Connection, run: int | None = None) -> tuple[RunRow, .
 
 def _ending(connection: Connection, run: int) -> Mapping[str, Any]:
     query = (
-        select(Report.recorded, Report.report)
-        .where(Report.run_id == run)
-        .order_by(Report.position.desc())
+        select(ReportTable.recorded, ReportTable.report)
+        .where(ReportTable.run_id == run)
+        .order_by(ReportTable.position.desc())
         .limit(1)
     )
     found = connection.execute(query).one_or_none()

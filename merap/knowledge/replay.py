@@ -1,4 +1,4 @@
-"""A recorded run again: what was seen and decided, in order, and whether it would be decided so again."""
+"""Go through a recorded run again, in order, and tell whether it would be decided so again."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from merap.knowledge.base import KnowledgeBase
 from merap.knowledge.rows import DecisionRow, ObservationRow
 
 
-def replay(knowledge: KnowledgeBase, run: int) -> Iterator[ObservationRow | DecisionRow]:
-    """What was seen and decided, by episode and step; what was decided after what was seen.
+def timeline(knowledge: KnowledgeBase, run: int) -> Iterator[ObservationRow | DecisionRow]:
+    """Return observations and decisions by episode and step; a decision after the observation at its step.
 
     A loop may record an episode's decisions after all its observations, so this is not the order
     of recording.
@@ -26,7 +26,7 @@ def replay(knowledge: KnowledgeBase, run: int) -> Iterator[ObservationRow | Deci
 
 
 @dataclass(frozen=True)
-class Difference:
+class DecisionDifference:
     """A decision that was not derived as it was recorded.
 
     Attributes:
@@ -54,10 +54,10 @@ def _reasons(reasons: tuple[str, ...] | None) -> str:
     return "nothing" if reasons is None else f"'{'; '.join(reasons)}'"
 
 
-def differences(
+def decision_differences(
     recorded: Iterable[DecisionRow], derived: Iterable[DecisionRow], kinds: Collection[str]
-) -> tuple[Difference, ...]:
-    """Where the decisions of some kinds are not the same, in order.
+) -> tuple[DecisionDifference, ...]:
+    """Find where the decisions of some kinds are not the same, in order.
 
     Args:
         recorded: in the knowledge base.
@@ -71,7 +71,7 @@ def differences(
             if row.kind in kinds:
                 reasons[row.episode, row.step, row.kind][index].append(row.reasons)
     return tuple(
-        Difference(*key, before, after)
+        DecisionDifference(*key, before, after)
         for key in sorted(reasons)
         for before, after in zip_longest(*reasons[key])
         if before != after

@@ -1,4 +1,4 @@
-"""What goes into the knowledge base and comes out of it.
+"""Define the rows that go into the knowledge base and come out of it.
 
 Axes: V state variables, A declared actions.
 """
@@ -21,13 +21,13 @@ Level: TypeAlias = Literal["debug", "info", "warning", "error"]
 
 
 def now() -> datetime:
-    """The time, in UTC."""
+    """Return the time, in UTC."""
     return datetime.now(UTC)
 
 
 @dataclass(frozen=True)
 class ObservationRow:
-    """What was done to a system, and what was seen of it after that.
+    """An observation of a system, with the action that led to it.
 
     Attributes:
         episode: counted from 0.
@@ -58,7 +58,7 @@ class ObservationRow:
 
     @classmethod
     def of(cls, episode: int, step: int, action: int | None, observation: Observation) -> ObservationRow:
-        """The row of an observation."""
+        """Build the row of an observation."""
         return cls(
             episode=episode,
             step=step,
@@ -74,12 +74,12 @@ class ObservationRow:
 
 @dataclass(frozen=True)
 class DecisionRow:
-    """What a part of the loop decided, and why.
+    """A decision of a part of the loop, with its reasons.
 
     Attributes:
-        episode: during which.
+        episode: during which it was made.
         step: steps of it that were over.
-        kind: as `replan`.
+        kind: a word for it, as `replan`.
         reasons: plain lines.
         data: figures, as JSON.
     """
@@ -97,8 +97,8 @@ class EventRow:
 
     Attributes:
         time: aware.
-        component: who says it.
-        level: how bad it is.
+        component: the part of the loop that says it.
+        level: its severity.
         message: one line.
         data: figures, as JSON.
     """
@@ -146,10 +146,10 @@ class PolicyRow:
 
 @dataclass(frozen=True)
 class CheckpointRow:
-    """That a state was recorded which a run can go on from.
+    """The record of a state that a run can go on from.
 
     Attributes:
-        episode: so many episodes are over.
+        episode: number of episodes that are over.
         digest: SHA-256 of the state, by which `blob` finds it.
     """
 
@@ -162,8 +162,8 @@ class Checkpoint:
     """A state that a run can go on from.
 
     Attributes:
-        episode: so many episodes are over.
-        state: whatever the loop has recorded.
+        episode: number of episodes that are over.
+        state: as the loop has recorded it.
     """
 
     episode: int
@@ -172,7 +172,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class ReportRow:
-    """How a run ended.
+    """The report of a run that has ended.
 
     Attributes:
         report: as JSON.
@@ -191,7 +191,7 @@ class RunRow:
         case: name of the case.
         digest: of the case.
         settings: as JSON.
-        started: when.
+        started: when it began.
         finished: when its last report was recorded; None: it goes on, or was killed.
         report: the last one.
     """
@@ -215,8 +215,8 @@ class Entry:
 
     Attributes:
         position: in that history, counted from 1, over rows of every kind.
-        recorded: when.
-        row: what.
+        recorded: when it was.
+        row: its content.
     """
 
     position: int

@@ -1,4 +1,4 @@
-"""The version of the schema: an older one is migrated, a newer one refused."""
+"""Migrate an older schema, refuse a newer one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ADVISORY = int.from_bytes(hashlib.sha256(b"merap schema").digest()[:8], "big", 
 
 
 def current_schema(connection: Connection) -> str | None:
-    """The schema of the tables that are there; None if there are none."""
+    """Return the schema of the tables that are there; None if there are none."""
     return MigrationContext.configure(connection).get_current_revision()
 
 

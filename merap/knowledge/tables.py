@@ -1,4 +1,4 @@
-"""The tables, as typed models. Rows are only ever inserted; `migrations` makes the tables and guards them."""
+"""Describe the tables. Rows are only ever inserted; `migrations` makes the tables and guards them."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class UtcTime(TypeDecorator[datetime]):
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """In UTC."""
+        """Return the time in UTC."""
         return None if value is None else value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """In UTC."""
+        """Return the time in UTC."""
         if value is None or value.tzinfo is not None:
             return None if value is None else value.astimezone(UTC)
         return value.replace(tzinfo=UTC)
@@ -55,7 +55,7 @@ class PlainText(TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """With a mark in place of what can't be stored."""
+        """Put a mark in place of each character that can't be stored."""
         if value is None:
             return None
         return value.encode("utf-8", "replace").decode().replace("\0", "\N{REPLACEMENT CHARACTER}")
@@ -68,7 +68,7 @@ class StrictJson(TypeDecorator[Any]):
     cache_ok = True
 
     def process_bind_param(self, value: Any, dialect: Dialect) -> Any:
-        """Plain values.
+        """Return plain values.
 
         Raises:
             ValueError: it has no such form.
@@ -91,8 +91,8 @@ class Base(DeclarativeBase):
     type_annotation_map = {datetime: UtcTime(), str: PlainText(), float: Double()}  # noqa: RUF012 - read by SQLAlchemy
 
 
-class Run(Base):
-    """A run of the loop."""
+class RunTable(Base):
+    """Runs of the loop."""
 
     __tablename__ = "run"
 
@@ -104,7 +104,7 @@ class Run(Base):
     started: Mapped[datetime]
 
 
-class Blob(Base):
+class BlobTable(Base):
     """Bytes by their SHA-256, stored once."""
 
     __tablename__ = "blob"
@@ -114,7 +114,7 @@ class Blob(Base):
 
 
 class History(Base):
-    """What every entry in the history of a run has."""
+    """The columns that every entry in the history of a run has."""
 
     __abstract__ = True
 
@@ -128,8 +128,8 @@ class History(Base):
         return (Index(f"{cls.__tablename__}_position", "run_id", "position", unique=True),)
 
 
-class Model(History):
-    """A model, as a UMB archive."""
+class ModelTable(History):
+    """Models, as UMB archives."""
 
     __tablename__ = "model"
 
@@ -137,8 +137,8 @@ class Model(History):
     digest: Mapped[str] = mapped_column(ForeignKey("blob.digest"))
 
 
-class Policy(History):
-    """A policy, as safetensors."""
+class PolicyTable(History):
+    """Policies, as safetensors."""
 
     __tablename__ = "policy"
 
@@ -148,8 +148,8 @@ class Policy(History):
     model_id: Mapped[int | None] = mapped_column(ForeignKey("model.id"))
 
 
-class Observation(History):
-    """What was done to a system, and what was seen of it."""
+class ObservationTable(History):
+    """Observations of a system, each with the action that led to it."""
 
     __tablename__ = "observation"
 
@@ -164,8 +164,8 @@ class Observation(History):
     enabled: Mapped[Any] = mapped_column(StrictJson(), nullable=True)
 
 
-class Decision(History):
-    """What was decided, and why."""
+class DecisionTable(History):
+    """Decisions with their reasons."""
 
     __tablename__ = "decision"
 
@@ -176,8 +176,8 @@ class Decision(History):
     data: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
 
 
-class Event(History):
-    """A line of the log."""
+class EventTable(History):
+    """Lines of the log."""
 
     __tablename__ = "event"
 
@@ -188,8 +188,8 @@ class Event(History):
     data: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
 
 
-class Checkpoint(History):
-    """A state to go on from, one for each episode of a run."""
+class CheckpointTable(History):
+    """States to go on from, one for each episode of a run."""
 
     __tablename__ = "checkpoint"
 
@@ -201,12 +201,20 @@ class Checkpoint(History):
     digest: Mapped[str] = mapped_column(ForeignKey("blob.digest"))
 
 
-class Report(History):
-    """How a run ended; of several the last one holds."""
+class ReportTable(History):
+    """Reports of how a run ended; of several the last one holds."""
 
     __tablename__ = "report"
 
     report: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
 
 
-HISTORY: tuple[type[History], ...] = (Model, Policy, Observation, Decision, Event, Checkpoint, Report)
+HISTORY: tuple[type[History], ...] = (
+    ModelTable,
+    PolicyTable,
+    ObservationTable,
+    DecisionTable,
+    EventTable,
+    CheckpointTable,
+    ReportTable,
+)

@@ -56,10 +56,10 @@ def _environment(
     variables: tuple[str, ...],
     episodes: int,
 ) -> Iterator[ManagedSystem]:
-    from merap.systems.gymnasium import GymnasiumSystem  # noqa: PLC0415  an extra
-
     seed = int(np.random.SeedSequence([scenario.spec.seed, episodes]).generate_state(1)[0])
     with scenario.document.at("system"):
+        from merap.systems.gymnasium import GymnasiumSystem  # noqa: PLC0415  an extra, which may be missing
+
         environment = GymnasiumSystem(spec.gymnasium, seed=seed, arguments=spec.arguments)
     with environment:
         shown = [variable.name for variable in environment.interface.variables]

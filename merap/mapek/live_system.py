@@ -9,9 +9,8 @@ from typing import Any
 from merap.errors import InputError, MerapError
 from merap.mapek.instrumented import Tally
 from merap.mapek.scenario import Stage
-from merap.systems.faults import SystemFault
-from merap.systems.interface import ManagedSystem, Observation
-from merap.systems.retrying import GuardedSystem, Retries
+from merap.systems.interface import ManagedSystem, Observation, SystemFault
+from merap.systems.retrying import Retries, RetryingSystem
 
 
 class Disconnected:
@@ -57,7 +56,7 @@ class LiveSystem:
 
     def __init__(self, system: ManagedSystem, horizon: int, discount: float, retries: Retries) -> None:
         self.horizon = horizon
-        self._system = GuardedSystem(system, retries=retries, on_fault=self._count_fault)
+        self._system = RetryingSystem(system, retries=retries, on_fault=self._count_fault)
         self._discount = discount
         self.begin(0)
 

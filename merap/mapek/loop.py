@@ -26,7 +26,7 @@ from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.shield.learning_shield import Shield
 from merap.systems.deadline import Punctual
 from merap.systems.interface import ManagedSystem
-from merap.systems.retrying import GuardedSystem
+from merap.systems.retrying import RetryingSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Components:
     def close(self) -> None:
         """End the threads that keep deadlines."""
         self.punctual.close()
-        if isinstance(self.guarded, GuardedSystem):
+        if isinstance(self.guarded, RetryingSystem):
             self.guarded.close()
 
 

@@ -10,7 +10,7 @@ from merap.concerns.document import Document
 from merap.concerns.validation import validate
 from merap.errors import InputError
 from merap.knowledge.base import KnowledgeBase
-from merap.knowledge.replay import Difference, differences
+from merap.knowledge.replay import DecisionDifference, decision_differences
 from merap.knowledge.rows import DecisionRow, RunRow
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
@@ -25,7 +25,7 @@ ACTION = "action"
 DERIVED = ("replan", "update", "settled", "extended", ACTION)
 
 
-def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tuple[Difference, ...]:
+def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tuple[DecisionDifference, ...]:
     """Return where the loop, fed with the recorded observations, acts or decides otherwise than recorded.
 
     Args:
@@ -37,7 +37,7 @@ def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tu
         InputError: the recorded run is not one of a loop, or was made with another case.
     """
     recorded = [*knowledge.decisions(number), *_actions(knowledge, number)]
-    return differences(recorded, _derived(run, knowledge, number), DERIVED)
+    return decision_differences(recorded, _derived(run, knowledge, number), DERIVED)
 
 
 def _actions(knowledge: KnowledgeBase, number: int) -> Iterator[DecisionRow]:

@@ -21,7 +21,7 @@ from merap.mapek.records import EpisodeLog, EpisodeRow
 from merap.mapek.run_store import NO_HISTORY, RecordedEpisode, RunHistory, RunStore, read_history
 from merap.mapek.scenario import Scenario
 from merap.mapek.scores import LoopReport, reactions
-from merap.systems.faults import SystemFault
+from merap.systems.interface import SystemFault
 
 OnEpisode = Callable[[EpisodeRow], None]
 # Number of episodes in a row that could not even begin, after which a run ends.
@@ -51,7 +51,7 @@ def run_loop(
         lines: file to which the log of a recorded run is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
-        guard: stands between the loop and the system, as `systems.retrying.GuardedSystem`, which is closed
+        guard: stands between the loop and the system, as `systems.retrying.RetryingSystem`, which is closed
             after the run.
         on_episode: called after each episode, those that were recorded before included.
 

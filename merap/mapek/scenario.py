@@ -16,6 +16,7 @@ from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
 from merap.mapek.scenario_schema import CONCERNS, ChangeSpec, LiveSpec, ScenarioSpec
+from merap.masking import masked_data
 
 
 @dataclass(frozen=True, order=True)
@@ -54,8 +55,9 @@ class Scenario:
     document: Document = field(repr=False)
 
     def settings(self) -> dict[str, Any]:
-        """Return all settings as JSON has them, defaults included."""
-        return self.spec.model_dump(mode="json", warnings=False)
+        """Return all settings as JSON has them, defaults included; secrets of a live system are masked."""
+        settings = self.spec.model_dump(mode="json", warnings=False)
+        return settings if self.spec.live is None else {**settings, "system": masked_data(settings["system"])}
 
     def stages(self, case: CaseStudy) -> tuple[Stage, ...]:
         """Return the stages in order.

@@ -114,7 +114,7 @@ class LiveSpec(Spec):
 class HttpSpec(LiveSpec):
     """A system that `merap serve` offers, here or elsewhere."""
 
-    url: str = Field(description="where it is, as http://localhost:3000")
+    url: str = Field(repr=False, description="where it is, as http://localhost:3000")
     timeout: float = Field(default=5.0, gt=0, description="seconds for a request")
 
 
@@ -122,7 +122,7 @@ class GymnasiumSpec(LiveSpec):
     """A Gymnasium environment with the actions and the variables of the case."""
 
     gymnasium: str = Field(description="id of the environment")
-    arguments: dict[str, Any] = Field(default={}, description="of gymnasium.make")
+    arguments: dict[str, Any] = Field(default={}, repr=False, description="of gymnasium.make")
 
 
 def _system_kind(value: Any) -> str | None:

@@ -15,7 +15,7 @@ import numpy as np
 from merap.mapek.records import EpisodeRow
 from merap.mapek.scenario import Stage
 from merap.strategies.evaluation import Range, lasting
-from merap.systems.faults import SystemFault
+from merap.systems.interface import SystemFault
 
 Number = TypeVar("Number", int, float)
 

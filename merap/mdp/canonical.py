@@ -23,7 +23,7 @@ def canonicalise(
     action_names: tuple[str, ...],
     complete_label: str | None = COMPLETE_LABEL,
 ) -> TabularMDP:
-    """Map a model onto the canonical index of its case (design, section 6).
+    """Map a model onto the canonical index of its case.
 
     The states are the given valuations in their order and, last, one absorbing state (all
     variables -1) into which the complete states fold. The actions are the declared ones

@@ -1,1 +1,8 @@
-"""What can be managed, beside a plain simulation: worlds with slip and sensors, Gymnasium, HTTP, guards."""
+"""Managed systems: simulated, Gymnasium or behind HTTP, with retries, and a server for other managers.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

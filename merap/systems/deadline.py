@@ -1,31 +1,31 @@
-"""Decisions in time: work that may be late is done beside its caller, in the order it was handed over."""
+"""Decide in time: work that may be late runs beside its caller, in the order in which it was handed over."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from merap.closing import Closing
 from merap.systems.worker import Worker
 
 Result = TypeVar("Result")
 
 
 class Lateness(StrEnum):
-    """Why there is no decision in time; what is repeated from records is late in the same way.
+    """The reason why there is no decision in time; what is repeated from records is late in the same way.
 
-    `LATE`: it was begun, after all work before it. `BUSY`: it was not, and never will be.
+    `LATE`: the work was begun, after all work before it. `BUSY`: it was not, and never will be.
     """
 
     LATE = "the plan was late"
     BUSY = "the learner was busy with earlier steps"
 
 
-class Punctual(Closing):
-    """Does work for at most so long; without a limit at once and to its end.
+class Punctual(AbstractContextManager["Punctual"]):
+    """Run work with an optional time limit.
 
     All work goes through one thread, one piece after the other, so what is late is finished before
     the next piece begins, and nothing runs side by side. One thread hands work over and takes results,
@@ -33,10 +33,10 @@ class Punctual(Closing):
     after it has ended.
 
     Attributes:
-        patient: nothing is late, for what is repeated.
+        patient: whether there is no time limit for now, as where recorded work is repeated.
 
     Args:
-        seconds: for a piece of work that is waited for; None: no limit.
+        seconds: the limit of a piece of work that is waited for; None: each is done at once and to its end.
         name: of the thread.
     """
 
@@ -47,7 +47,7 @@ class Punctual(Closing):
         self._pending: deque[Future[Any]] = deque()
 
     def in_time(self, work: Callable[[], Result]) -> Result | Lateness:
-        """The result, or why there is none in time; work that has not begun by then is not done at all."""
+        """Return the result, or why it is late; work that has not begun by then is not done at all."""
         if self._worker is None:
             return work()
         future = self.later(work)
@@ -58,7 +58,7 @@ class Punctual(Closing):
         return future.result() if future.done() else Lateness.LATE
 
     def later(self, work: Callable[[], Result]) -> Future[Result]:
-        """Do it before any work that is handed over after it."""
+        """Hand work over, to be done before any work that is handed over after it."""
         if self._worker is None:
             return _done(work())
         assert not self._worker.here, "work hands over no work"
@@ -68,13 +68,16 @@ class Punctual(Closing):
         return future
 
     def finish(self) -> None:
-        """Wait for all that was handed over; raises what it has raised."""
+        """Wait for all that was handed over, and raise what it has raised."""
         assert self._worker is None or not self._worker.here, "work waits for no work"
         wait(self._pending)
         self._raise_finished()
 
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
-        """No more work; what has not begun is not done at all."""
+        """Take no more work; what has not begun is not done at all."""
         if self._worker is not None:
             self._worker.close()
 

@@ -1,4 +1,4 @@
-"""What a managed system shows to the outside, and the JSON of it.
+"""Describe what a managed system shows to the outside, and the JSON of it.
 
 The bodies have the form that the UPISAS project asks of its exemplars: every body is an object, and the
 keys of a schema's `properties` are those of the body, neither more nor fewer, so that a manager
@@ -8,27 +8,32 @@ out keys.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
+
+import numpy as np
 
 from merap.concerns.combination import Combination
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.systems.interface import Observation, SystemFault
 
 Json = dict[str, Any]
 MAX_NAMES = 10_000
 
 
 @dataclass(frozen=True)
-class Variable:
+class ShownVariable:
     """A state variable.
 
     Attributes:
         name: of the variable.
         low: its least value.
         high: its greatest value.
-        names: what its values from 0 on stand for; None: they are numbers.
+        names: of its values from 0 on; None: they are numbers.
     """
 
     name: str
@@ -39,7 +44,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Interface:
-    """What a managed system shows.
+    """The actions and variables that a managed system shows.
 
     Attributes:
         system: its name.
@@ -51,13 +56,13 @@ class Interface:
 
     system: str
     actions: tuple[str, ...]
-    variables: tuple[Variable, ...]
+    variables: tuple[ShownVariable, ...]
     detectors: tuple[str, ...] = ()
     horizon: int | None = None
 
 
 def interface_of(combination: Combination, *, detect: bool) -> Interface:
-    """What a simulated combination shows; -1 are the variables of a completed task.
+    """Describe a simulated combination; the variables of a completed task are -1.
 
     Args:
         combination: what is simulated.
@@ -67,17 +72,50 @@ def interface_of(combination: Combination, *, detect: bool) -> Interface:
     highest = [size - 1 for size in space.shape or (space.num_locations,)]
     places = space.locations if space.shape is None and space.num_locations <= MAX_NAMES else None
     located = [
-        Variable(name, ABSORBING_VALUE, high, places)
+        ShownVariable(name, ABSORBING_VALUE, high, places)
         for name, high in zip(space.variable_names, highest, strict=True)
     ]
-    mode = Variable(MODE_VARIABLE, ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
+    mode = ShownVariable(MODE_VARIABLE, ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
     detectors = tuple(detector.name for detector in space.detectors) if detect else ()
     horizon = combination.objective.horizon
     return Interface(combination.name, combination.actions, (*located, mode), detectors, horizon)
 
 
+def is_finite(value: object) -> bool:
+    """Tell whether something is one finite real number, and no array."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def require_declared(seen: Observation, interface: Interface) -> None:
+    """Refuse an observation that an interface does not allow; nothing is rounded or cut to fit.
+
+    Raises:
+        SystemFault: of kind `malformed`; names what is wrong, its value, and what is allowed.
+    """
+    values, enabled = np.asarray(seen.valuation), np.asarray(seen.enabled)
+    if values.shape != (len(interface.variables),) or not np.issubdtype(values.dtype, np.integer):
+        raise _undeclared(interface, "valuation", seen.valuation, f"{len(interface.variables)} whole numbers")
+    for variable, value in zip(interface.variables, values.tolist(), strict=True):
+        if not variable.low <= value <= variable.high:
+            raise _undeclared(interface, variable.name, value, f"{variable.low} to {variable.high}")
+    if enabled.shape != (len(interface.actions),) or enabled.dtype != np.bool_:
+        allowed = f"true or false for each of {len(interface.actions)} actions"
+        raise _undeclared(interface, "enabled", seen.enabled, allowed)
+    if not is_finite(seen.reward):
+        raise _undeclared(interface, "reward", seen.reward, "a finite number")
+    if not is_finite(seen.continuation) or not 0 <= seen.continuation <= 1:
+        raise _undeclared(interface, "continuation", seen.continuation, "a number from 0 to 1")
+    if not isinstance(seen.truncated, bool | np.bool_):
+        raise _undeclared(interface, "truncated", seen.truncated, "true or false")
+
+
+def _undeclared(interface: Interface, name: str, value: object, allowed: str) -> SystemFault:
+    message = f"{interface.system} shows {name} {value!r}, expected {allowed}"
+    return SystemFault("malformed", message, repeatable=False)
+
+
 def monitor_schema(interface: Interface) -> Json:
-    """Of what `/monitor` answers."""
+    """Build the schema of the answers of `/monitor`."""
     action_names = list(interface.actions)
     limit = {} if interface.horizon is None else {"maximum": interface.horizon}
     return _object(
@@ -106,10 +144,11 @@ def monitor_schema(interface: Interface) -> Json:
 
 
 def execute_schema(interface: Interface) -> Json:
-    """Of a request to `/execute` and of its answer; a request has `action` or `reset: true`.
+    """Build the schema of requests to `/execute` and of its answers.
 
-    `episode` and `step` of a request are the counters that were seen when it was decided: the request
-    is refused if the system has gone on since, unless it is the very request that made it go on.
+    A request has an `action` or `reset: true`. Its `episode` and `step` are the counters that were seen
+    when it was decided: the request is refused if the system has gone on since, unless it is the very
+    request that made it go on.
     """
     return {
         "title": f"what {interface.system} is to do, or has done",
@@ -124,7 +163,7 @@ def execute_schema(interface: Interface) -> Json:
 
 
 def adaptation_options(interface: Interface) -> Json:
-    """All that `/execute` may ever ask for; `/monitor` tells what is possible now."""
+    """List all that `/execute` may ever ask for; `/monitor` tells what is possible now."""
     return {
         "action": {"type": "categorical", "values": list(interface.actions)},
         "reset": {"type": "categorical", "values": [False, True]},
@@ -132,13 +171,13 @@ def adaptation_options(interface: Interface) -> Json:
 
 
 def adaptation_options_schema(interface: Interface) -> Json:
-    """Of `adaptation_options`."""
+    """Build the schema of `adaptation_options`."""
     option = _object({"type": {"const": "categorical"}, "values": {"type": "array"}})
     return _object({"action": option, "reset": option}, title=f"what can be done to {interface.system}")
 
 
 def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, Any]) -> Interface:
-    """The interface that was served as `adaptation_options` and `monitor_schema`.
+    """Read an interface from the `adaptation_options` and the `monitor_schema` that were served.
 
     Raises:
         KeyError, TypeError, ValueError: they are not of this form.
@@ -148,7 +187,7 @@ def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, A
         system=name,
         actions=_names(options["action"]["values"]),
         variables=tuple(
-            Variable(
+            ShownVariable(
                 str(variable),
                 int(entry["minimum"]),
                 int(entry["maximum"]),
@@ -181,7 +220,7 @@ def _described(kind: str, description: str, **more: Any) -> Json:
     return {"type": kind, "description": description, **more}
 
 
-def _integer(variable: Variable) -> Json:
+def _integer(variable: ShownVariable) -> Json:
     entry: Json = {"type": "integer", "minimum": variable.low, "maximum": variable.high}
     if variable.names is not None:
         entry["names"] = list(variable.names)

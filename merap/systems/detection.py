@@ -1,4 +1,4 @@
-"""What a case's detectors read where the system is.
+"""Draw what a case's detectors read where the system is.
 
 A reading is right with the detector's accuracy, independently of all others. A wrong one of an attribute
 with several values is any other of them; of a real attribute any number of its range.
@@ -20,7 +20,7 @@ Reading = bool | int | float
 def detections(
     combination: Combination, location: int, generator: np.random.Generator
 ) -> dict[str, Mapping[str, Reading]]:
-    """One reading of every detector for each location that it sees.
+    """Draw one reading of every detector for each location that it sees.
 
     Args:
         combination: whose obstacles and attributes are there.
@@ -37,7 +37,7 @@ def detections(
 
 
 def seen_locations(space: Space, location: int, reach: int) -> Ints:
-    """int64, ascending: the location and all that are up to `reach` edges away."""
+    """Return int64, ascending: the location and all that are up to `reach` edges away."""
     seen = np.array([location], dtype=np.int64)
     for _ in range(reach):
         following = space.target[seen].ravel()

@@ -1,4 +1,4 @@
-"""What the JSON of a system behind HTTP means.
+"""Translate between observations and the JSON of a system behind HTTP.
 
 Axes: A declared actions.
 """
@@ -14,8 +14,8 @@ from merap.systems.interface import Observation
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What a monitor says.
+class MonitoredState:
+    """The content of a monitored body.
 
     Attributes:
         observation: as strategies see it; its reward is that of the last step.
@@ -31,7 +31,7 @@ class Seen:
 
 
 class Dialect(Protocol):
-    """How one kind of system speaks: what its JSON means.
+    """The meaning of the JSON of one kind of system.
 
     `ServedDialect` is that of `merap serve`; for a foreign system write one of your own.
     """
@@ -40,15 +40,15 @@ class Dialect(Protocol):
     def actions(self) -> tuple[str, ...]:
         """A names."""
 
-    def read(self, monitored: Mapping[str, Any]) -> Seen:
-        """What the body of `/monitor` means.
+    def read(self, monitored: Mapping[str, Any]) -> MonitoredState:
+        """Read the body of `/monitor`.
 
         Raises:
-            ValueError: nothing that can be used.
+            ValueError: the body can't be used.
         """
 
-    def change(self, action: int | None, last: Seen | None) -> Json | None:
-        """The body of `/execute`; None: nothing is to be sent, as where a system can't be reset.
+    def change(self, action: int | None, last: MonitoredState | None) -> Json | None:
+        """Build the body of `/execute`; None: nothing is to be sent, as where a system can't be reset.
 
         Args:
             action: what to do; None: begin an episode.

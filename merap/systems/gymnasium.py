@@ -1,32 +1,43 @@
-"""Any Gymnasium environment whose observations are whole numbers, as a managed system.
+"""Manage a Gymnasium environment whose observations are whole numbers.
+
+An environment is somebody else's program: it may raise anything, warn, and answer what it has not declared.
+That is an input error while it is made and a fault of the system (`SystemFault`) from then on.
 
 Axes: A actions, V state variables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+import re
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from merap.closing import Closing
-from merap.errors import InputError
+from merap.errors import InputError, MerapError
+from merap.masking import masked, secrets_in
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import make_environment
 from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
 from merap.mdp.gymnasium_toy_text import names_of, numbered_names
 from merap.mdp.model import Bools, Ints
-from merap.systems.description import Interface, Variable
-from merap.systems.interface import Observation
+from merap.systems.description import MAX_NAMES, Interface, ShownVariable, is_finite
+from merap.systems.gymnasium_numbers import numbers_of, variables_of
+from merap.systems.interface import FaultKind, Observation, SystemFault
 
 ACTION_MASK = "action_mask"
+MAX_REASON = 500
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+log = logging.getLogger(__name__)
 
 
-class GymnasiumSystem(Closing):
+class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
     """An environment as a managed system; to be closed, or used in a `with` statement.
 
     Environments with a table that `import_gymnasium` knows, and those made of our models, show the
@@ -35,6 +46,8 @@ class GymnasiumSystem(Closing):
     number of their observation, named by the key of a `Dict`. Terminated is a
     completed task, whose variables are -1; truncated is truncated.
 
+    What the environment warns of is logged, each message once.
+
     Args:
         env: an environment, or the id of one.
         seed: of its first reset, which determines all that follows.
@@ -42,7 +55,8 @@ class GymnasiumSystem(Closing):
         arguments: of `gymnasium.make`, if it is an id.
 
     Raises:
-        InputError: there is no such environment, or its observations or actions are no whole numbers.
+        InputError: there is no such environment, it can't be made, or its observations or actions are no
+            whole numbers.
     """
 
     def __init__(
@@ -53,18 +67,36 @@ class GymnasiumSystem(Closing):
         masked: bool = True,
         arguments: Mapping[str, Any] | None = None,
     ) -> None:
-        self._env = make_environment(env, arguments or {}) if isinstance(env, str) else env
-        spec = self._env.spec
-        self._name = type(self._env.unwrapped).__name__ if spec is None else spec.id
-        self._view = _view(self._env, self._name)
+        given = arguments or {}
+        self._secrets = secrets_in(given)
+        self._warned: set[str] = set()
+        self._name = env if isinstance(env, str) else type(env).__name__
         self._seed = seed
         self._masked = masked
         self._over = True
+        with self._foreign(lambda reason: InputError(f"Gymnasium can't make {self._name!r}: {reason}")):
+            self._env = make_environment(env, given) if isinstance(env, str) else env
+        try:
+            with self._foreign(lambda reason: InputError(f"{self._name} can't be managed: {reason}")):
+                spec = self._env.spec
+                self._name = type(self._env.unwrapped).__name__ if spec is None else spec.id
+                self._view = _view(self._env, self._name)
+        except InputError:
+            if isinstance(env, str):
+                self.close()
+            raise
         self._enabled = np.zeros(len(self._view.actions), dtype=np.bool_)
 
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
-        """Close the environment."""
-        self._env.close()
+        """Close the environment; if it fails to, the log says so."""
+        try:
+            with self._foreign(lambda reason: self._fault("failed", "close", reason)):
+                self._env.close()
+        except MerapError as error:
+            log.warning("%s", error)
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -73,59 +105,132 @@ class GymnasiumSystem(Closing):
 
     @property
     def interface(self) -> Interface:
-        """How it is served."""
+        """The actions and variables that are shown."""
         return Interface(self._name, self._view.actions, self._view.variables)
 
     def reset(self) -> Observation:
-        """Begin an episode."""
-        seen, info = self._env.reset(seed=self._seed)
+        """Begin an episode.
+
+        Raises:
+            SystemFault: the environment fails, or answers what it has not declared; it can be reset again.
+        """
+        self._over = True
+        with self._foreign(lambda reason: self._fault("failed", "reset", reason)):
+            answer = self._env.reset(seed=self._seed)
         self._seed = None
-        return self._observe(seen, info, 0.0)
+        with self._foreign(lambda reason: self._fault("malformed", "reset", reason)):
+            seen, info = _parts(answer, "observation", "info")
+            valuation, self._enabled = self._view.valuation(seen), self._mask(info, last=False)
+        self._over = False
+        return Observation(valuation, self._enabled, reward=0.0, continuation=1.0, truncated=False)
 
     def step(self, action: int) -> Observation:
-        """Take an action."""
+        """Take an action.
+
+        Raises:
+            InputError: the action is not enabled, or the episode is over.
+            SystemFault: the environment fails, or answers what it has not declared. It may have acted, so
+                the action is not to be taken again.
+        """
         if self._over:
             raise InputError("the episode is over; reset the system first")
         if not 0 <= action < len(self.actions) or not self._enabled[action]:
             enabled = ", ".join(np.array(self.actions)[self._enabled])
             raise InputError(f"action {action} is not enabled; enabled are {enabled}")
-        seen, reward, terminated, truncated, info = self._env.step(self._view.first_action + action)
-        return self._observe(seen, info, float(reward), terminated=terminated, truncated=truncated)
+        with self._foreign(lambda reason: self._fault("failed", "step", reason, repeatable=False)):
+            answer = self._env.step(self._view.first_action + action)
+        with self._foreign(lambda reason: self._fault("malformed", "step", reason, repeatable=False)):
+            return self._observation(answer)
 
-    def _observe(
-        self,
-        seen: Any,
-        info: Mapping[str, Any],
-        reward: float,
-        *,
-        terminated: bool = False,
-        truncated: bool = False,
-    ) -> Observation:
-        self._over = bool(terminated or truncated)
-        self._enabled = np.zeros_like(self._enabled) if terminated else self._mask(info)
-        completed = np.full(len(self._view.variables), ABSORBING_VALUE)
+    def _observation(self, answer: Any) -> Observation:
+        seen, reward, *ends, info = _parts(answer, "observation", "reward", "terminated", "truncated", "info")
+        terminated, truncated = _flag("terminated", ends[0]), _flag("truncated", ends[1])
+        self._over = terminated or truncated
+        valuation, earned = self._view.valuation(seen), _real(reward)
+        if terminated:
+            valuation, self._enabled = np.full_like(valuation, ABSORBING_VALUE), np.zeros_like(self._enabled)
+        else:
+            self._enabled = self._mask(info, last=truncated)
         return Observation(
-            valuation=completed if terminated else self._view.valuation(seen),
+            valuation=valuation,
             enabled=self._enabled,
-            reward=reward,
+            reward=earned,
             continuation=0.0 if terminated else 1.0,
-            truncated=bool(truncated and not terminated),
+            truncated=truncated and not terminated,
         )
 
-    def _mask(self, info: Mapping[str, Any]) -> Bools:
+    def _mask(self, info: Any, *, last: bool) -> Bools:
+        if not isinstance(info, Mapping):
+            raise ValueError(f"the info is {info!r}, expected a mapping")
         if not (self._masked and ACTION_MASK in info):
             return np.ones_like(self._enabled)
-        mask = np.asarray(info[ACTION_MASK]).astype(np.bool_)
+        mask = np.asarray(info[ACTION_MASK])
         if mask.shape != self._enabled.shape:
-            raise InputError(
-                f"{self._name}: the action mask has shape {mask.shape}, not {self._enabled.shape}"
-            )
-        return mask
+            raise ValueError(f"the action mask has shape {mask.shape}, not {self._enabled.shape}")
+        if mask.dtype.kind not in "biuf" or not np.isin(mask, (0, 1)).all():
+            raise ValueError(f"the action mask is {mask.tolist()}, expected 0 or 1 for each action")
+        if not mask.any() and not last:
+            raise ValueError("the action mask enables no action, though the episode goes on")
+        return mask.astype(np.bool_)
+
+    def _fault(self, kind: FaultKind, call: str, reason: str, *, repeatable: bool = True) -> SystemFault:
+        return SystemFault(kind, f"{self._name}: {call}: {reason}", repeatable=repeatable)
+
+    @contextmanager
+    def _foreign(self, translated: Callable[[str], MerapError]) -> Iterator[None]:
+        """Turn whatever the environment raises into an error of ours."""
+        try:
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                yield
+        except (KeyboardInterrupt, GeneratorExit):
+            raise
+        except MerapError as error:
+            shown = masked(str(error), self._secrets)
+            if shown == str(error):
+                raise
+            raise InputError(shown) from None
+        except BaseException as error:  # it may raise what is no Exception, as SystemExit
+            raise translated(self._reason(error)) from error
+        for warning in told:
+            self._warn(str(warning.message))
+
+    def _reason(self, error: BaseException) -> str:
+        """Return in one line why something failed, in our words where we have found it out."""
+        lines = [str(error)] if type(error) is ValueError else traceback.format_exception_only(error)
+        text = masked(" ".join("".join(lines).split()), self._secrets)
+        return text if len(text) <= MAX_REASON else f"{text[:MAX_REASON]} ..."
+
+    def _warn(self, message: str) -> None:
+        shown = masked(" ".join(_COLOUR.sub("", message).split()), self._secrets)
+        if shown not in self._warned:
+            self._warned.add(shown)
+            log.warning("%s warns: %s", self._name, shown)
+
+
+def _parts(answer: Any, *names: str) -> tuple[Any, ...]:
+    if not isinstance(answer, tuple) or len(answer) != len(names):
+        found = f"{len(answer)} values" if isinstance(answer, tuple) else f"a {type(answer).__name__}"
+        raise ValueError(f"the answer is {found}, expected {', '.join(names)}")
+    return answer
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} is {value!r}, expected true or false")
+    return bool(value)
+
+
+def _real(reward: Any) -> float:
+    """Return a reward that is one finite number."""
+    if not is_finite(reward):
+        raise ValueError(f"the reward is {reward!r}, expected a finite number")
+    return float(reward)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """How an environment is seen.
+    """The names and numbers by which an environment is seen.
 
     Attributes:
         actions: A names.
@@ -136,7 +241,7 @@ class _View:
 
     actions: tuple[str, ...]
     first_action: int
-    variables: tuple[Variable, ...]
+    variables: tuple[ShownVariable, ...]
     valuation: Callable[[Any], Ints]
 
 
@@ -147,15 +252,19 @@ def _view(env: gymnasium.Env[Any, Any], name: str) -> _View:
     known = _tabular(env)
     if known is not None:
         variables, table, actions = known
-        return _View(actions, first, _variables(variables, table), lambda seen: table[int(seen)])
+        states = env.observation_space
+        return _View(
+            actions, first, _variables(variables, table), lambda seen: table[numbers_of(states, seen)[0]]
+        )
+    if count > MAX_NAMES:
+        raise InputError(f"{name}: it has {count} actions, at most {MAX_NAMES} are allowed")
     actions = numbered_names(0, count).action_names
     space = env.observation_space
-    own = _numbers("state" if isinstance(space, gymnasium.spaces.Discrete) else "", space, name)
-    return _View(actions, first, own, lambda seen: np.array(_flat(space, seen), dtype=np.int64))
+    return _View(actions, first, variables_of(space, name), lambda seen: numbers_of(space, seen))
 
 
 def _tabular(env: gymnasium.Env[Any, Any]) -> tuple[tuple[str, ...], Ints, tuple[str, ...]] | None:
-    """Names, valuations [S, V] and actions, where an observation is the number of a state we know."""
+    """Return names, valuations [S, V] and actions where an observation is the number of a known state."""
     if not isinstance(env.observation_space, gymnasium.spaces.Discrete) or changing_wrapper(env) is not None:
         return None
     base = env.unwrapped
@@ -165,57 +274,8 @@ def _tabular(env: gymnasium.Env[Any, Any]) -> tuple[tuple[str, ...], Ints, tuple
     return None if names is None else (names.variable_names, names.valuations, names.action_names)
 
 
-def _variables(names: tuple[str, ...], table: Ints) -> tuple[Variable, ...]:
+def _variables(names: tuple[str, ...], table: Ints) -> tuple[ShownVariable, ...]:
     return tuple(
-        Variable(name, ABSORBING_VALUE, int(high))
+        ShownVariable(name, ABSORBING_VALUE, int(high))
         for name, high in zip(names, table.max(axis=0), strict=True)
     )
-
-
-def _numbers(prefix: str, space: gymnasium.Space[Any], env: str) -> tuple[Variable, ...]:
-    """The variables of a space, in the order of `_flat`."""
-    spaces = gymnasium.spaces
-    if isinstance(space, spaces.Discrete):
-        return (_variable(prefix, int(space.start), int(space.start + space.n) - 1),)
-    if isinstance(space, spaces.Dict | spaces.Tuple):
-        parts = space.spaces.items() if isinstance(space, spaces.Dict) else enumerate(space.spaces)
-        return tuple(chain.from_iterable(_numbers(_joined(prefix, key), part, env) for key, part in parts))
-    low, high = _bounds(space, env)
-    return tuple(
-        _variable(_joined(prefix, index), int(least), int(greatest))
-        for index, (least, greatest) in enumerate(zip(low.ravel(), high.ravel(), strict=True))
-    )
-
-
-def _variable(name: str, low: int, high: int) -> Variable:
-    return Variable(name, min(low, ABSORBING_VALUE), high)
-
-
-def _joined(prefix: str, key: object) -> str:
-    name = key if isinstance(key, str) else f"x{key}"
-    return f"{prefix}_{name}" if prefix else name
-
-
-def _bounds(space: gymnasium.Space[Any], env: str) -> tuple[Ints, Ints]:
-    spaces = gymnasium.spaces
-    if isinstance(space, spaces.MultiDiscrete):
-        return np.asarray(space.start), np.asarray(space.start + space.nvec - 1)
-    if isinstance(space, spaces.MultiBinary):
-        return np.zeros(space.shape, dtype=np.int64), np.ones(space.shape, dtype=np.int64)
-    if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.integer):
-        return space.low.astype(np.int64), space.high.astype(np.int64)
-    raise InputError(
-        f"{env}: {space} is no space of whole numbers; allowed: Discrete, MultiDiscrete, MultiBinary, "
-        "Box of whole numbers, and Dict or Tuple of these"
-    )
-
-
-def _flat(space: gymnasium.Space[Any], seen: Any) -> list[int]:
-    """The numbers of an observation; those of a `Dict` in the order of its space, not of the observation."""
-    spaces = gymnasium.spaces
-    if isinstance(space, spaces.Dict):
-        return list(chain.from_iterable(_flat(part, seen[key]) for key, part in space.spaces.items()))
-    if isinstance(space, spaces.Tuple):
-        pairs = zip(space.spaces, seen, strict=True)
-        return list(chain.from_iterable(_flat(part, entry) for part, entry in pairs))
-    return [int(value) for value in np.asarray(seen).ravel()]

@@ -1,4 +1,4 @@
-"""Requests to a managed system behind HTTP, each with an overall deadline.
+"""Send requests to a managed system behind HTTP, each with an overall deadline.
 
 The endpoints are those of the UPISAS project. What is answered is read up to a limit, as JSON, and checked
 against the schema that the system serves for it. Proxies of the environment are not used.
@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
+import threading
+from base64 import b64encode
+from collections.abc import Coroutine, Mapping
+from contextlib import AbstractContextManager
 from http import HTTPStatus
-from typing import Any
+from typing import Any, Self, TypeVar
+from urllib.parse import unquote
 
 import httpx
 from jsonschema import Draft202012Validator
@@ -18,10 +22,11 @@ from jsonschema.exceptions import SchemaError
 from referencing import Registry
 from referencing.exceptions import Unresolvable
 
-from merap.closing import Closing
 from merap.errors import InputError
-from merap.systems.faults import FaultKind, SystemFault
-from merap.systems.loop_thread import LoopThread
+from merap.masking import SplitUrl, masked, masked_url, secrets_in, split_url
+from merap.systems.interface import FaultKind, SystemFault
+
+Result = TypeVar("Result")
 
 MAX_ANSWER = 16 * 1024 * 1024
 MAX_SHOWN = 200
@@ -37,11 +42,61 @@ _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
 )
 
 
-class UpisasClient(Closing):
-    """Speaks to one system; to be closed, or used in a `with` statement.
+class EventLoopThread:
+    """Run coroutines in a thread, so that plain calls can wait for what must be cancelled in time.
+
+    If it is never stopped, it does not keep the process from ending. `name` is that of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name=name, daemon=True)
+        self._thread.start()
+
+    def run(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """Wait for the result; what the work raises is raised here."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    def stop(self) -> None:
+        """End the thread; nothing can be run any more."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+class _SecretTransport(httpx.AsyncHTTPTransport):
+    """Adds credentials and query to a request on its way: nothing that shows or logs it has them.
 
     Args:
-        url: where its endpoints are, as `http://localhost:3000`.
+        parts: of the system's URL.
+    """
+
+    def __init__(self, parts: SplitUrl) -> None:
+        super().__init__(trust_env=False)
+        self._query = httpx.URL(f"{parts.bare}?{parts.query}").query if parts.query else b""
+        self._credentials = _basic(parts)
+
+    async def handle_async_request(self, request: httpx.Request) -> httpx.Response:
+        """Send a copy of the request that has them."""
+        headers = request.headers.copy()
+        if self._credentials:
+            headers["authorization"] = f"Basic {self._credentials}"
+        url = request.url.copy_with(query=self._query) if self._query else request.url
+        complete = httpx.Request(
+            request.method, url, headers=headers, stream=request.stream, extensions=request.extensions
+        )
+        return await super().handle_async_request(complete)
+
+
+class UpisasClient(AbstractContextManager["UpisasClient"]):
+    """Speaks to one system; to be closed, or used in a `with` statement.
+
+    Attributes:
+        url: where its endpoints are, as messages show it: without a password or token.
+
+    Args:
+        url: where its endpoints are, as `http://localhost:3000`; credentials in it are sent as
+            basic authentication, its query with every request.
         timeout: seconds from the beginning of a request to the end of its answer.
 
     Raises:
@@ -51,21 +106,30 @@ class UpisasClient(Closing):
     def __init__(self, url: str, timeout: float) -> None:
         if not timeout > 0:
             raise InputError(f"a timeout is a positive number of seconds, not {timeout}")
-        self.url = url.rstrip("/")
+        parts = _checked(url)
+        self.url = masked_url(url).rstrip("/")
+        self._secrets = (*filter(None, [_basic(parts)]), *secrets_in(url))
         self._timeout = timeout
         self._closed = False
         self._validators: dict[str, Draft202012Validator] = {}
         self._client = httpx.AsyncClient(
-            base_url=_checked(self.url),
+            base_url=parts.bare,
             timeout=timeout,
             trust_env=False,
+            transport=_SecretTransport(parts),
             headers={"accept-encoding": "identity"},
         )
         # Only in an event loop a request can be given up at any moment.
-        self._thread = LoopThread(f"client of {self.url}")
+        self._thread = EventLoopThread(f"client of {self.url}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
-        """Hang up; nothing can be asked any more."""
+        """Close the connection; nothing can be asked any more."""
         if self._closed:
             return
         self._closed = True
@@ -73,7 +137,7 @@ class UpisasClient(Closing):
         self._thread.stop()
 
     def get(self, endpoint: str) -> Any:
-        """JSON of an endpoint that has no schema, as a schema itself.
+        """Get the JSON of an endpoint that has no schema, as a schema itself.
 
         Raises:
             SystemFault: there is no sound answer.
@@ -81,7 +145,7 @@ class UpisasClient(Closing):
         return self._json("GET", endpoint, None)
 
     def monitor(self) -> dict[str, Any]:
-        """What the system shows now.
+        """Ask what the system shows now.
 
         Raises:
             SystemFault: there is no sound answer.
@@ -89,7 +153,7 @@ class UpisasClient(Closing):
         return self._checked_by("monitor_schema", "GET /monitor", self.get("/monitor"))
 
     def adaptation_options(self) -> dict[str, Any]:
-        """What can be changed.
+        """Ask what can be changed.
 
         Raises:
             SystemFault: there is no sound answer.
@@ -107,7 +171,7 @@ class UpisasClient(Closing):
         return self._checked_by("execute_schema", "PUT /execute", self._json("PUT", "/execute", change))
 
     def schema(self, name: str) -> dict[str, Any]:
-        """A schema that the system serves, asked for once.
+        """Return a schema that the system serves; it is asked for once.
 
         Raises:
             SystemFault: there is none, or it is no JSON Schema.
@@ -120,26 +184,26 @@ class UpisasClient(Closing):
         if name not in self._validators:
             schema = self.get(f"/{name}")
             if not isinstance(schema, dict):
-                raise self._fault("malformed", f"GET /{name}", f"a schema is an object, not {_shown(schema)}")
+                raise self.fault("malformed", f"GET /{name}", f"a schema is an object, not {_shown(schema)}")
             try:
                 Draft202012Validator.check_schema(schema)
             except SchemaError as error:
-                raise self._fault("malformed", f"GET /{name}", f"no JSON Schema: {error.message}") from error
+                raise self.fault("malformed", f"GET /{name}", f"no JSON Schema: {error.message}") from error
             # A registry of its own: by default a validator fetches what a schema refers to.
             self._validators[name] = Draft202012Validator(schema, registry=Registry())
         return self._validators[name]
 
     def _checked_by(self, schema: str, request: str, content: Any) -> dict[str, Any]:
         if not isinstance(content, dict):
-            raise self._fault("malformed", request, f"expected an object, got {_shown(content)}")
+            raise self.fault("malformed", request, f"expected an object, got {_shown(content)}")
         validator = self._validator(schema)
         try:
             error = next(iter(validator.iter_errors(content)), None)
         except (Unresolvable, RecursionError) as unusable:
-            raise self._fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
+            raise self.fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
         if error is not None:
             place = "".join(f" at {key!r}" for key in error.path)
-            raise self._fault(
+            raise self.fault(
                 "malformed", request, f"not as {schema} says{place}: {error.message[:MAX_SHOWN]}"
             )
         return content
@@ -150,11 +214,11 @@ class UpisasClient(Closing):
         request = f"{method} {endpoint}"
         status, body = self._thread.run(self._answer(method, endpoint, content))
         if not HTTPStatus(200) <= status < HTTPStatus(300):
-            raise self._fault(_kind_of_status(status), request, f"status {status}: {_message(body)}")
+            raise self.fault(_kind_of_status(status), request, f"status {status}: {_message(body)}")
         try:
             return json.loads(body, parse_constant=_no_number)
         except (ValueError, RecursionError) as error:
-            raise self._fault("malformed", request, f"no JSON but {_shown(body)}") from error
+            raise self.fault("malformed", request, f"no JSON but {_shown(body)}") from error
 
     async def _answer(self, method: str, endpoint: str, content: Any) -> tuple[int, bytes]:
         request = f"{method} {endpoint}"
@@ -165,30 +229,41 @@ class UpisasClient(Closing):
             ):
                 return response.status_code, await self._whole(request, response)
         except TimeoutError as error:
-            raise self._fault("timeout", request, f"no whole answer within {self._timeout:g} s") from error
+            raise self.fault("timeout", request, f"no whole answer within {self._timeout:g} s") from error
         except httpx.HTTPError as error:
-            raise self._fault(_kind(error), request, str(error) or type(error).__name__) from error
+            raise self.fault(_kind(error), request, str(error) or type(error).__name__) from error
 
     async def _whole(self, request: str, response: httpx.Response) -> bytes:
         received = bytearray()
         async for part in response.aiter_bytes():
             received += part
             if len(received) > MAX_ANSWER:
-                raise self._fault("malformed", request, f"an answer of more than {MAX_ANSWER} bytes")
+                raise self.fault("malformed", request, f"an answer of more than {MAX_ANSWER} bytes")
         return bytes(received)
 
-    def _fault(self, kind: FaultKind, request: str, message: str) -> SystemFault:
-        return SystemFault(kind, f"{self.url}: {request}: {message}", repeatable=kind != "rejected")
+    def fault(self, kind: FaultKind, request: str, message: str) -> SystemFault:
+        """Build a fault of a request; the server may have repeated the secrets that it was sent."""
+        shown = masked(message, self._secrets)
+        return SystemFault(kind, f"{self.url}: {request}: {shown}", repeatable=kind != "rejected")
 
 
-def _checked(url: str) -> httpx.URL:
+def _checked(url: str) -> SplitUrl:
+    parts = split_url(url)
     try:
-        parsed = httpx.URL(url)
+        parsed = httpx.URL("" if parts is None else parts.bare)
+        port = parsed.port or 0
     except httpx.InvalidURL as error:
-        raise InputError(f"{url!r} is no URL: {error}") from error
-    if parsed.scheme not in {"http", "https"} or not parsed.host or (parsed.port or 0) > MAX_PORT:
-        raise InputError(f"{url!r} is no URL of HTTP, as http://localhost:3000 is one")
-    return parsed
+        raise InputError(f"{masked_url(url)!r} is no URL: {masked(str(error), secrets_in(url))}") from error
+    if parts is None or parts.scheme not in {"http", "https"} or not parsed.host or port > MAX_PORT:
+        raise InputError(f"{masked_url(url)!r} is no URL of HTTP, as http://localhost:3000 is one")
+    return parts
+
+
+def _basic(parts: SplitUrl) -> str:
+    """Return the credentials of a URL as basic authentication has them (RFC 7617)."""
+    if parts.user is None:
+        return ""
+    return b64encode(f"{unquote(parts.user)}:{unquote(parts.password or '')}".encode()).decode()
 
 
 def _kind(error: httpx.HTTPError) -> FaultKind:
@@ -205,7 +280,7 @@ def _kind_of_status(status: int) -> FaultKind:
 
 
 def _message(body: bytes) -> str:
-    """The server's own word, if it has the form that ours has."""
+    """Return the server's own words, if they have the form that ours have."""
     try:
         content = json.loads(body)
     except (ValueError, RecursionError):

@@ -1,7 +1,7 @@
-"""A managed system behind HTTP, with the endpoints of the UPISAS project.
+"""Serve a managed system by HTTP, with the endpoints of the UPISAS project.
 
-Whatever is refused answers `{"error": "one line"}` with a status of 4xx; faults of the system itself
-answer 503.
+A request that is refused is answered by `{"error": "one line"}` with a status of 4xx; a fault of the system
+itself with 503.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from merap.systems.description import (
 from merap.systems.openapi import openapi
 from merap.systems.served import RefusedRequestError, ServedSystem
 
-UPISAS_PORT = 3000
 ENDPOINTS = (
     "GET /monitor",
     "GET /monitor_schema",
@@ -48,7 +47,7 @@ Handler = Callable[[Request], Awaitable[JSONResponse]]
 
 
 def application(served: ServedSystem) -> Starlette:
-    """The ASGI application of one system."""
+    """Build the ASGI application of a system."""
     interface = served.interface
     fixed = {
         "/monitor_schema": monitor_schema(interface),
@@ -85,7 +84,7 @@ def application(served: ServedSystem) -> Starlette:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket that listens.
+    """Open a socket that listens.
 
     Args:
         host: an address of this machine.
@@ -107,7 +106,7 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 def server(served: ServedSystem) -> uvicorn.Server:
-    """What answers; its `run(sockets=[listener])` ends by SIGINT, SIGTERM or `should_exit`."""
+    """Build the server; its `run(sockets=[listener])` ends by SIGINT, SIGTERM or `should_exit`."""
     return uvicorn.Server(
         uvicorn.Config(
             application(served),

@@ -1,4 +1,4 @@
-"""A managed system behind HTTP, seen as any other.
+"""Manage a system behind HTTP like any other.
 
 Axes: A declared actions, V state variables.
 """
@@ -6,19 +6,19 @@ Axes: A declared actions, V state variables.
 from __future__ import annotations
 
 import logging
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from typing import Self
 
-from merap.closing import Closing
 from merap.errors import InputError
-from merap.systems.dialect import Dialect, Seen
-from merap.systems.faults import SystemFault
+from merap.systems.dialect import Dialect, MonitoredState
 from merap.systems.http_client import UpisasClient
-from merap.systems.interface import Observation
+from merap.systems.interface import Observation, SystemFault
 
 log = logging.getLogger(__name__)
 
 
-class HttpSystem(Closing):
+class HttpSystem(AbstractContextManager["HttpSystem"]):
     """A system behind HTTP; to be closed, or used in a `with` statement.
 
     A call that ended in a repeatable fault may be made again. Where the system counts its steps it
@@ -33,8 +33,14 @@ class HttpSystem(Closing):
     def __init__(self, client: UpisasClient, dialect: Dialect) -> None:
         self._client = client
         self._dialect = dialect
-        self._last: Seen | None = None
+        self._last: MonitoredState | None = None
         self._answered: int | _Nothing | None = NOTHING
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Hang up."""
@@ -81,7 +87,7 @@ class HttpSystem(Closing):
         return replace(seen.observation, taken=taken)
 
     def _execute(self, action: int | None) -> SystemFault | None:
-        """Sends a change unless it is known to have arrived; returns why it was refused."""
+        """Send a change unless it is known to have arrived; return why it was refused."""
         if self._answered == action:
             return None
         change = self._dialect.change(action, self._last)
@@ -100,7 +106,7 @@ class HttpSystem(Closing):
         return None
 
     def _refused(self, action: int | None, fault: SystemFault) -> SystemFault:
-        """A refusal is final, unless the system has gone on since: what it has done is then to be seen."""
+        """Raise a refusal, unless the system may have gone on since: the monitor tells what it has done."""
         if action is None:
             self._last = None
             raise fault
@@ -108,8 +114,8 @@ class HttpSystem(Closing):
             raise fault
         return fault
 
-    def _require_next(self, seen: Seen, refusal: SystemFault | None) -> None:
-        """The step that was seen is the one after the last."""
+    def _require_next(self, seen: MonitoredState, refusal: SystemFault | None) -> None:
+        """Refuse a step that is not the one after the last."""
         last = self._last
         assert last is not None
         if last.step is None or seen.step is None:
@@ -125,23 +131,23 @@ class HttpSystem(Closing):
             log.warning("%s; it has gone on by %s", refusal, self._name(seen.action))
 
     def _missed(self, message: str) -> SystemFault:
-        """Only a reset can go on from here."""
+        """Build the fault after which only a reset can go on."""
         self._last, self._answered = None, NOTHING
         return SystemFault("missed", f"{self._client.url}: {message}", repeatable=False)
 
     def _name(self, action: int | None) -> str:
         return "an unknown action" if action is None else self.actions[action]
 
-    def _settle(self, seen: Seen) -> None:
+    def _settle(self, seen: MonitoredState) -> None:
         self._last = seen
         self._answered = NOTHING
 
-    def _monitor(self) -> Seen:
+    def _monitor(self) -> MonitoredState:
         monitored = self._client.monitor()
         try:
             return self._dialect.read(monitored)
         except (ValueError, KeyError, TypeError) as error:
-            raise SystemFault("malformed", f"{self._client.url}: GET /monitor: {error}") from error
+            raise self._client.fault("malformed", "GET /monitor", str(error)) from error
 
 
 class _Nothing:

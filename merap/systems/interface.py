@@ -1,4 +1,4 @@
-"""What a managed system lets its manager see and do.
+"""Define what a managed system lets its manager see and do, and how it may fail.
 
 Axes: A declared actions, V state variables.
 """
@@ -7,14 +7,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Literal, Protocol
 
+from merap.errors import MerapError
+from merap.masking import masked
 from merap.mdp.model import Bools, Ints
+
+# timeout: no answer in time; refused: no connection; dropped: the connection broke amid an answer;
+# malformed: the answer is not what the schema says; failed: the system reports a fault of its own;
+# rejected: it refuses the request; missed: it has gone on by itself, or someone else manages it too;
+# gone: no episode could begin, several times in a row.
+FaultKind = Literal["timeout", "refused", "dropped", "malformed", "failed", "rejected", "missed", "gone"]
+
+
+class SystemFault(MerapError):  # noqa: N818 (what happens to a system is a fault; errors are ours)
+    """A managed system can't be reached or doesn't behave; `str(error)` is one clear line.
+
+    Args:
+        kind: see `FaultKind`.
+        message: what happened, and with what.
+        repeatable: the same call may be made again and does not act twice.
+    """
+
+    exit_code: ClassVar[int] = 3
+
+    def __init__(self, kind: FaultKind, message: str, *, repeatable: bool = True) -> None:
+        self.kind = kind
+        self.message = masked(" ".join(message.split()))
+        self.repeatable = repeatable
+        super().__init__(f"{kind}: {self.message}")
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a managed system lets its manager see after a reset or a step.
+    """An observation of a managed system after a reset or a step.
 
     Attributes:
         valuation: int64 [V], values of the state variables.

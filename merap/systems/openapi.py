@@ -1,4 +1,4 @@
-"""The OpenAPI description of a served system, for those who generate a client."""
+"""Describe a served system by OpenAPI, for those who generate a client."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _A_SCHEMA: Json = {"type": "object", "description": "a JSON Schema, draft 2020-1
 
 
 def openapi(interface: Interface) -> Json:
-    """OpenAPI 3.1, whose schemas are JSON Schema."""
+    """Build the description in OpenAPI 3.1, whose schemas are JSON Schema."""
     change = execute_schema(interface)
     executed = _answer("what was done", change)
     for status, why in (

@@ -1,4 +1,4 @@
-"""A managed system with the actions and variables of another, in the order of a manager.
+"""Show the actions and variables of a managed system in the order of its manager.
 
 Axes: A actions, V state variables.
 """
@@ -13,6 +13,8 @@ import numpy as np
 from merap.errors import InputError
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.systems.interface import ManagedSystem, Observation
+
+MAX_LISTED = 20
 
 
 class RenumberedSystem:
@@ -41,7 +43,7 @@ class RenumberedSystem:
         known = [name for name in variables if name != constant or constant in shown]
         for kind, wanted, found in (("actions", actions, system.actions), ("variables", known, shown)):
             if sorted(wanted) != sorted(found):
-                raise InputError(f"it has the {kind} {', '.join(found)}; expected {', '.join(wanted)}")
+                raise InputError(f"it has the {kind} {_listed(found)}; expected {_listed(wanted)}")
         self._system = system
         self._actions = tuple(actions)
         self._theirs = np.array([system.actions.index(name) for name in actions])
@@ -72,3 +74,8 @@ class RenumberedSystem:
             enabled=observation.enabled[self._theirs],
             taken=None if taken is None else int(np.flatnonzero(self._theirs == taken)[0]),
         )
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - MAX_LISTED
+    return ", ".join(names[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""Guards against a system that is late or fails; see `deadline` for a planner.
+"""Call a system again that is late or fails, or fall back on a safe action; see `deadline` for a planner.
 
 Axes: A declared actions.
 """
@@ -9,15 +9,14 @@ import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 
 import tenacity
 
-from merap.closing import Closing
 from merap.errors import InputError
-from merap.systems.faults import SystemFault
-from merap.systems.interface import ManagedSystem, Observation
+from merap.systems.interface import ManagedSystem, Observation, SystemFault
 from merap.systems.worker import Worker
 
 log = logging.getLogger(__name__)
@@ -29,7 +28,7 @@ FaultListener = Callable[[SystemFault], None]
 
 @dataclass(frozen=True)
 class Retries:
-    """How often a call that failed is made again.
+    """Bounds on how often, and how soon, a call that failed is made again.
 
     Attributes:
         count: at most.
@@ -46,8 +45,8 @@ class Retries:
             raise InputError(f"retries are a number from 0 on, with waits that grow, not {self}")
 
 
-class GuardedSystem(Closing):
-    """Any system with a deadline, retries and a safe fallback action; a context, which closes it.
+class RetryingSystem(AbstractContextManager["RetryingSystem"]):
+    """Add a deadline, retries and a safe fallback action to any system; a context, which closes it.
 
     A call is made again after a fault that is repeatable. A call that is late is never made a second
     time: it is waited for again. When an action has failed for good and the fallback is enabled, the
@@ -56,7 +55,7 @@ class GuardedSystem(Closing):
     there is none, or the action stays late, the fault is raised, and the system can be reset.
 
     Args:
-        system: what is guarded.
+        system: what is managed.
         deadline: seconds for a call; None: as long as it takes.
         retries: after faults.
         fallback: name of a safe action; None: there is none.
@@ -86,9 +85,12 @@ class GuardedSystem(Closing):
         self._retries = retries or Retries()
         self._fallback = None if fallback is None else system.actions.index(fallback)
         self._on_fault = on_fault
-        self._worker = Worker("guarded system") if deadline is not None else None
+        self._worker = Worker("managed system") if deadline is not None else None
         self._late: Future[Observation] | None = None
         self._last: Observation | None = None
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """End the thread that keeps the deadline; a call that hangs is left to itself."""
@@ -164,7 +166,7 @@ class GuardedSystem(Closing):
             raise
 
     def _in_time(self, worker: Worker, call: Callable[[], Observation]) -> Observation:
-        """The outcome of the call that is late, if there is one, else of this one."""
+        """Wait for the call that is late, if there is one, else make this one."""
         future = self._late or worker.submit(call)
         answered, _ = wait([future], self._deadline)
         self._late = None if answered else future

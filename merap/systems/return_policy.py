@@ -1,4 +1,4 @@
-"""The way back to a location by the system's own moves, in the fewest expected steps.
+"""Lead a system back to a location by its own moves, in the fewest expected steps.
 
 Axes: P locations, Q modes, C choices. State (p, q) has index p * Q + q.
 """
@@ -22,7 +22,7 @@ MAX_SWEEPS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class ReturnPolicy:
     """A policy that leads to a location almost surely.
 
     Attributes:
@@ -34,8 +34,8 @@ class Way:
     choice: Ints
 
 
-def way_to(pair: TabularMDP, location: int) -> Way:
-    """The stochastic shortest path (Bertsekas and Tsitsiklis 1991), every step of cost 1.
+def return_policy(pair: TabularMDP, location: int) -> ReturnPolicy:
+    """Solve the stochastic shortest path (Bertsekas and Tsitsiklis 1991), every step of cost 1.
 
     Args:
         pair: environment and capability, from `synthesise_pair` or `slipping_pair`.
@@ -58,12 +58,12 @@ def way_to(pair: TabularMDP, location: int) -> Way:
         steps = following
         if settled:
             choice = first_match(of_choices, best, pair.choice_state)
-            return Way(location, np.where(inside, choice, -1))
+            return ReturnPolicy(location, np.where(inside, choice, -1))
     raise EngineError(f"the way back to location {location} is not found after {MAX_SWEEPS} sweeps")
 
 
-class Homing:
-    """Travels on a pair's arrays.
+class ReturnTrips:
+    """Draw trips back to a location, each by the policy that is best for it.
 
     Args:
         combination: for its names.
@@ -74,19 +74,19 @@ class Homing:
         self._combination = combination
         self._pair = pair
         self._simulator = simulator([pair])
-        self._ways: dict[int, Way] = {}
+        self._policies: dict[int, ReturnPolicy] = {}
 
     def travel(self, state: int, location: int, generator: np.random.Generator) -> int:
-        """How many steps it takes from a state (p, q) to a location.
+        """Draw a trip from a state (p, q) to a location, and return its number of steps.
 
         Raises:
             InputError: the system can't be sure to get there.
         """
-        if location not in self._ways:
-            self._ways[location] = way_to(self._pair, location)
-        way = self._ways[location]
+        if location not in self._policies:
+            self._policies[location] = return_policy(self._pair, location)
+        policy = self._policies[location]
         num_modes = len(self._combination.modes)
-        if way.choice[state] < 0:
+        if policy.choice[state] < 0:
             names = self._combination.space.locations
             raise InputError(
                 f"the system can't get back from {names[state // num_modes]} to its start {names[location]} "
@@ -94,7 +94,7 @@ class Homing:
             )
         steps = 0
         while state // num_modes != location:
-            branch = self._simulator.successors.draw(int(way.choice[state]), generator.random())
+            branch = self._simulator.successors.draw(int(policy.choice[state]), generator.random())
             state = int(self._simulator.target[branch])
             steps += 1
         return steps

@@ -1,4 +1,4 @@
-"""A managed system with counters, in the form in which it is served; knows nothing of HTTP.
+"""Count the steps of a managed system and carry out requests, without any HTTP.
 
 One request is carried out after the other. The system waits for its manager, or goes at a pace of its own.
 """
@@ -17,15 +17,15 @@ import numpy as np
 from jsonschema import Draft202012Validator
 
 from merap.errors import InputError, MerapError
-from merap.systems.description import Interface, Json, execute_schema
-from merap.systems.interface import ManagedSystem
+from merap.systems.description import Interface, Json, execute_schema, require_declared
+from merap.systems.interface import ManagedSystem, Observation
 
 MAX_MESSAGE = 500
 log = logging.getLogger(__name__)
 
 
 class RefusedRequestError(MerapError):
-    """A request that is not carried out.
+    """Raised for a request that is not carried out.
 
     Args:
         status: of HTTP: BAD_REQUEST if it never can be, CONFLICT if it can't be now.
@@ -39,7 +39,7 @@ class RefusedRequestError(MerapError):
 
 @dataclass(frozen=True)
 class _Command:
-    """What is to be done, when it was decided.
+    """A change and the counters at which it was decided.
 
     Attributes:
         action: name; None: a reset.
@@ -113,7 +113,7 @@ class ServedSystem:
         self._reset()
 
     def monitor(self) -> Json:
-        """What is seen now; see `interface.monitor_schema`."""
+        """Show what is seen now; see `description.monitor_schema`."""
         self._catch_up()
         seen = self._seen
         names = (variable.name for variable in self.interface.variables)
@@ -130,7 +130,7 @@ class ServedSystem:
         }
 
     def execute(self, request: Any) -> Json:
-        """Take an action or begin an episode; see `interface.execute_schema`.
+        """Take an action or begin an episode; see `description.execute_schema`.
 
         Returns:
             What has been done, with the counters after it.
@@ -175,7 +175,7 @@ class ServedSystem:
             )
 
     def _catch_up(self) -> None:
-        """The fallbacks of all deadlines that have passed: nobody could see them before."""
+        """Take the fallbacks of all deadlines that have passed; nobody could see them before."""
         pace = self._pace
         while pace is not None and self._clock() - self._since >= pace.seconds and self._can(pace.fallback):
             log.warning("no decision within %g s; the system takes %s", pace.seconds, pace.fallback)
@@ -187,7 +187,7 @@ class ServedSystem:
         return not self._seen.last and bool(self._seen.enabled[self.interface.actions.index(action)])
 
     def _reset(self) -> None:
-        self._seen = self._system.reset()
+        self._seen = self._declared(self._system.reset())
         self._since = self._clock()
         self._episode += 1
         self._steps, self._total = 0, 0.0
@@ -204,11 +204,15 @@ class ServedSystem:
             raise RefusedRequestError(
                 HTTPStatus.CONFLICT, f"action {action!r} is not enabled now; enabled are {', '.join(enabled)}"
             )
-        self._seen = self._system.step(index)
+        self._seen = self._declared(self._system.step(index))
         self._since = self._clock()
         self._steps += 1
         self._total += float(self._seen.reward)
         self._action = action
+
+    def _declared(self, seen: Observation) -> Observation:
+        require_declared(seen, self.interface)
+        return seen
 
     def _now(self) -> tuple[int, int]:
         return self._episode, self._steps

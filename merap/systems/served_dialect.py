@@ -8,22 +8,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jsonschema import Draft202012Validator
 
 from merap.errors import InputError
-from merap.systems.description import Interface, Json, read_interface
-from merap.systems.dialect import Seen
-from merap.systems.faults import SystemFault
-from merap.systems.http_client import UpisasClient
+from merap.systems.description import Interface, Json, monitor_schema, read_interface
+from merap.systems.dialect import MonitoredState
+from merap.systems.http_client import MAX_SHOWN, UpisasClient
 from merap.systems.http_system import HttpSystem
-from merap.systems.interface import Observation
+from merap.systems.interface import Observation, SystemFault
 
 
 @dataclass(frozen=True)
 class ServedDialect:
-    """How `merap serve` speaks.
+    """The JSON of `merap serve`.
 
     Attributes:
         interface: what is served, in the order of the manager.
@@ -36,32 +37,43 @@ class ServedDialect:
         """A names."""
         return self.interface.actions
 
-    def read(self, monitored: Mapping[str, Any]) -> Seen:
-        """What `interface.monitor_schema` describes."""
+    @cached_property
+    def _validator(self) -> Draft202012Validator:
+        return Draft202012Validator(monitor_schema(self.interface))
+
+    def read(self, monitored: Mapping[str, Any]) -> MonitoredState:
+        """Read what `description.monitor_schema` describes.
+
+        Raises:
+            ValueError: it is something else, whatever the schema allows that was served.
+        """
+        error = next(iter(self._validator.iter_errors(monitored)), None)
+        if error is not None:
+            place = "".join(f" at {key!r}" for key in error.path)
+            raise ValueError(f"not as `merap serve` answers{place}: {error.message[:MAX_SHOWN]}")
+        if not math.isfinite(monitored["reward"]):
+            raise ValueError(f"a reward of {monitored['reward']}")
         values = [monitored["valuation"][variable.name] for variable in self.interface.variables]
-        reward = float(monitored["reward"])
-        if not math.isfinite(reward):
-            raise ValueError(f"a reward of {reward}")
         enabled = np.zeros(len(self.actions), dtype=np.bool_)
         enabled[[self.actions.index(name) for name in monitored["enabled"]]] = True
         action = monitored["action"]
         observation = Observation(
             valuation=np.array(values, dtype=np.int64),
             enabled=enabled,
-            reward=reward,
+            reward=float(monitored["reward"]),
             continuation=float(monitored["continuation"]),
             truncated=bool(monitored["truncated"]),
             detections=monitored["detections"],
         )
-        return Seen(
+        return MonitoredState(
             observation,
             None if action is None else self.actions.index(action),
             int(monitored["episode"]),
             int(monitored["step"]),
         )
 
-    def change(self, action: int | None, last: Seen | None) -> Json:
-        """What `interface.execute_schema` describes."""
+    def change(self, action: int | None, last: MonitoredState | None) -> Json:
+        """Build what `description.execute_schema` describes."""
         what: Json = {"reset": True} if action is None else {"action": self.actions[action]}
         return what if last is None else {**what, "episode": last.episode, "step": last.step}
 
@@ -86,7 +98,7 @@ def open_served(
     actions: Sequence[str] | None = None,
     variables: Sequence[str] | None = None,
 ) -> RemoteSystem:
-    """A system that `merap serve` offers, here or elsewhere.
+    """Connect to a system that `merap serve` offers, here or elsewhere.
 
     Args:
         url: where it is, as `http://localhost:3000`.
@@ -100,7 +112,7 @@ def open_served(
     """
     client = UpisasClient(url, timeout)
     try:
-        return RemoteSystem(client, _ordered(_served_interface(client), url, actions, variables))
+        return RemoteSystem(client, _ordered(_served_interface(client), client.url, actions, variables))
     except (SystemFault, InputError):
         client.close()
         raise
@@ -111,8 +123,10 @@ def _served_interface(client: UpisasClient) -> Interface:
     try:
         return read_interface(client.url, options, schema)
     except (KeyError, TypeError, ValueError) as error:
-        raise SystemFault(
-            "malformed", f"{client.url}: its options and monitor are not those of `merap serve`: {error!r}"
+        raise client.fault(
+            "malformed",
+            "GET /monitor_schema",
+            f"its options and monitor are not those of `merap serve`: {error!r}",
         ) from error
 
 

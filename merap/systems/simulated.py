@@ -1,4 +1,4 @@
-"""A model as a managed system that draws its steps.
+"""Simulate a model as a managed system that draws its steps.
 
 Axes: A declared actions, V state variables.
 """
@@ -16,7 +16,7 @@ from merap.errors import InputError
 from merap.mdp.model import Bools, TabularMDP
 from merap.systems.detection import detections
 from merap.systems.interface import Observation
-from merap.systems.world import Situated, World, canonical_world, situated_world
+from merap.systems.world import LocatedWorld, World, canonical_world, located_world
 
 RESET_MODES: tuple[ResetMode, ...] = get_args(ResetMode)
 
@@ -33,7 +33,7 @@ class SimulatedSystem:
         model: on the canonical index of its case, or a combination.
         horizon: steps of an episode.
         generator: of every draw.
-        slip: probability that an action does nothing, see `managed.slip`.
+        slip: probability that an action does nothing, see `systems.slip`.
         noise: standard deviation of the Gaussian noise on rewards.
         detect: whether the case's detectors are read after every reset and step.
         reset: how the next episode begins; `return_to_start` travels there in the fewest expected steps,
@@ -101,7 +101,7 @@ class SimulatedSystem:
         return self._observe(reward)
 
     def look(self) -> Observation:
-        """What can be seen now, without a step; the detectors read anew."""
+        """Observe without a step; the detectors are read anew."""
         return self._observe(0.0)
 
     @property
@@ -112,7 +112,7 @@ class SimulatedSystem:
     @property
     def standing(self) -> int:
         """Location and mode, p * Q + q, also where the task is complete; for a model alone as `state`."""
-        return self._state // 2 if isinstance(self._world, Situated) else self.state
+        return self._state // 2 if isinstance(self._world, LocatedWorld) else self.state
 
     @property
     def enabled(self) -> Bools:
@@ -121,7 +121,7 @@ class SimulatedSystem:
         return enabled
 
     def fits(self, model: TabularMDP | Combination) -> bool:
-        """Whether the system can go on under another model of its case, from where it is.
+        """Tell whether the system can go on under another model of its case, from where it is.
 
         Not in a location that is closed there, nor amid a task that is complete there.
         """
@@ -129,7 +129,7 @@ class SimulatedSystem:
             return True
         if isinstance(model, TabularMDP):
             return bool(model.state_to_choice[self._state + 1] > model.state_to_choice[self._state])
-        return self._situated().allows(self._state, model)
+        return self._located().allows(self._state, model)
 
     def switch(self, model: TabularMDP | Combination) -> None:
         """Go on under another model of the same case, which `fits` or a reset follows.
@@ -137,12 +137,12 @@ class SimulatedSystem:
         Raises:
             InputError: a combination can't follow a model alone, nor the other way round.
         """
-        if isinstance(model, TabularMDP) == isinstance(self._world, Situated):
+        if isinstance(model, TabularMDP) == isinstance(self._world, LocatedWorld):
             raise InputError("a system made from a model goes on under a model, from a combination under one")
         self._world = self._made(model)
 
     def snapshot(self) -> dict[str, Any]:
-        """All that changes, as JSON has it."""
+        """Return all state that changes, as JSON has it."""
         return {
             "state": self._state,
             "steps": self._steps,
@@ -167,14 +167,14 @@ class SimulatedSystem:
         first = int(self._world.simulator.first_states(0, self._generator.random()))
         if self._state < 0 or self._reset == "episodes":
             return first
-        world = self._situated()
+        world = self._located()
         if self._reset == "return_to_start":
             start, _ = world.located(first)
-            self.steps_back += world.homing.travel(self._state // 2, start, self._generator)
+            self.steps_back += world.return_trips.travel(self._state // 2, start, self._generator)
             return first
         return self._next_task(world)
 
-    def _next_task(self, world: Situated) -> int:
+    def _next_task(self, world: LocatedWorld) -> int:
         location, _ = world.located(self._state)
         completed = world.simulator.completed
         state = world.beginning(location) if completed[self._state] else self._state
@@ -184,17 +184,17 @@ class SimulatedSystem:
         return state
 
     def _made(self, model: TabularMDP | Combination) -> World:
-        return canonical_world(model) if isinstance(model, TabularMDP) else situated_world(model, self._slip)
+        return canonical_world(model) if isinstance(model, TabularMDP) else located_world(model, self._slip)
 
-    def _situated(self) -> Situated:
-        assert isinstance(self._world, Situated)
+    def _located(self) -> LocatedWorld:
+        assert isinstance(self._world, LocatedWorld)
         return self._world
 
     def _observe(self, reward: float) -> Observation:
         world = self._world
         completed = bool(world.simulator.completed[self._state])
         seen: Mapping[str, object] = {}
-        if self._detect and isinstance(world, Situated):
+        if self._detect and isinstance(world, LocatedWorld):
             seen = detections(world.combination, world.located(self._state)[0], self._generator)
         return Observation(
             valuation=world.valuations[self._state],
@@ -207,7 +207,7 @@ class SimulatedSystem:
 
 
 def reset_mode(name: str) -> ResetMode:
-    """The reset mode of that name.
+    """Return the reset mode of that name.
 
     Raises:
         InputError: there is none.

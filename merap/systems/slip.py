@@ -1,4 +1,4 @@
-"""Slip: with some probability an action does nothing, in any state.
+"""Add slip to a model: with some probability an action does nothing, in any state.
 
 The state stays, the step counts and its reward is that of the step (s, a, s); a task that ends after the
 action (`ends_after`) ends all the same. `belief.space` holds the same hypothesis.
@@ -17,7 +17,7 @@ from merap.mdp.model import TabularMDP
 
 
 def slipping_model(combination: Combination, slip: float) -> TabularMDP:
-    """The canonical model of a combination that slips, by definition: what a policy is really worth there.
+    """Build the canonical model of a combination that slips, by its definition.
 
     Raises:
         InputError: the probability is not in [0, 1), or a reachable state has no action.
@@ -26,7 +26,7 @@ def slipping_model(combination: Combination, slip: float) -> TabularMDP:
 
 
 def slipping_pair(combination: Combination, slip: float) -> TabularMDP:
-    """Environment and capability of a combination, see `synthesise_pair`, with slip.
+    """Build environment and capability of a combination, see `synthesise_pair`, with slip.
 
     Raises:
         InputError: the probability is not in [0, 1).

@@ -1,4 +1,4 @@
-"""What adapts: the interface that all strategies share.
+"""Define the interface that all strategies share.
 
 A strategy sees the system through what `ManagedSystem.reset` and `step` return, and nothing else.
 
@@ -29,39 +29,39 @@ class Strategy(Protocol):
 
     @property
     def episodes_per_update(self) -> int:
-        """How many real episodes a policy update takes."""
+        """Number of real episodes that a policy update takes."""
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins, is first seen, or goes on after steps that were not seen.
+        """Begin an episode, or take it up where it is first seen or goes on after unseen steps.
 
         Args:
             observation: where the system is.
-            time: so many steps of the episode are over.
-            resumed: it is the episode that was told of last.
+            time: number of steps of the episode that are over.
+            resumed: whether it is the same episode as before.
         """
 
     def act(self, allowed: Bools) -> int:
-        """The next action, exploration included.
+        """Choose the next action, exploration included.
 
         Args:
             allowed: bool [A], not empty: the enabled actions, or what a shield leaves of them.
         """
 
     def observe(self, action: int, observation: Observation) -> None:
-        """What a step has led to; `observation.last` if the episode is over."""
+        """Learn what a step has led to; `observation.last` if the episode is over."""
 
     def update(self) -> None:
         """Change the policy by what has been seen."""
 
     def policy(self) -> Floats:
-        """float64 [S, A] or, by time, [T, S, A]: what would act if learning stopped now.
+        """Return the policy that would act if learning stopped now, float64 [S, A] or, by time, [T, S, A].
 
         A distribution in every state that isn't complete. Where it favours actions that turn out
         to be disabled, the others count in proportion to their probabilities.
         """
 
     def explain(self) -> tuple[str, ...]:
-        """Plain lines: what the last update has concluded, and why the policy is what it is."""
+        """Tell in plain lines what the last update has concluded, and why the policy is what it is."""
 
 
 @runtime_checkable
@@ -69,11 +69,11 @@ class Revisable(Protocol):
     """A strategy that remembers what it has seen of the domain, beside the policy."""
 
     def revise(self) -> None:
-        """The domain has changed: doubt what was seen of it, and keep what the policy has become."""
+        """Doubt what was seen of a domain that has changed, and keep what the policy has become."""
 
 
 class StateIndex:
-    """The canonical number of an observed state.
+    """Look up the canonical number of an observed state.
 
     Args:
         valuations: int64 [S, V], the canonical index; the completed state is the last.
@@ -84,7 +84,7 @@ class StateIndex:
         self._completed = len(valuations) - 1
 
     def __call__(self, observation: Observation) -> int:
-        """The state's number.
+        """Return the state's number.
 
         Raises:
             InputError: the case has no such state.
@@ -99,10 +99,10 @@ class StateIndex:
 
 
 def best_allowed(ranked: Floats, allowed: Bools) -> int:
-    """The best of the allowed actions.
+    """Return the best of the allowed actions.
 
     Args:
-        ranked: float64 [A], what each action is worth.
+        ranked: float64 [A], the value of each action.
         allowed: bool [A], not empty.
     """
     return int(np.where(allowed, ranked, -np.inf).argmax())

@@ -1,14 +1,13 @@
-"""A thread that makes calls one after the other, so that a caller can stop waiting."""
+"""Make calls one after the other in a thread, so that a caller can stop waiting."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
-
-from merap.closing import Closing
 
 Result = TypeVar("Result")
 
@@ -16,8 +15,8 @@ Result = TypeVar("Result")
 LINGER = 1.0
 
 
-class Worker(Closing):
-    """Carries out calls in their order; one that hangs does not keep the process from ending.
+class Worker(AbstractContextManager["Worker"]):
+    """Carry out calls in their order; one that hangs does not keep the process from ending.
 
     The thread begins with the first call and ends with `close`. A future that is cancelled before its
     call has begun is passed over.
@@ -34,7 +33,7 @@ class Worker(Closing):
 
     @property
     def here(self) -> bool:
-        """Whether it is the worker who asks."""
+        """Whether the current thread is the worker's own."""
         return threading.current_thread() is self._thread
 
     def submit(self, call: Callable[[], Result]) -> Future[Result]:
@@ -47,6 +46,9 @@ class Worker(Closing):
         future: Future[Result] = Future()
         self._calls.put((call, future))
         return future
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Cancel what has not begun, and end the thread; one that hangs is left to itself."""

@@ -1,4 +1,4 @@
-"""A model as a simulation: a canonical one, or a combination whose location is always known.
+"""Turn a model into a simulation: a canonical one, or a combination whose location is always known.
 
 Axes: S states, V state variables, P locations, Q modes.
 """
@@ -16,13 +16,13 @@ from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Ints, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.simulation import Simulator, simulator
-from merap.systems.return_policy import Homing
+from merap.systems.return_policy import ReturnTrips
 from merap.systems.slip import slipping_pair
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What draws the steps of a simulated system.
+    """The model and the sampler that draw the steps of a simulated system.
 
     Attributes:
         model: whose states are those of the simulation.
@@ -38,27 +38,27 @@ class World:
 
 
 @dataclass(frozen=True, eq=False)
-class Situated(World):
+class LocatedWorld(World):
     """A world where the system has a location; state (p, q, done) has number 2 * (p * Q + q) + done.
 
     Attributes:
         combination: the configurations that are there.
-        homing: the way back.
+        return_trips: the ways back to a start.
     """
 
     combination: Combination
-    homing: Homing
+    return_trips: ReturnTrips
 
     def located(self, state: int) -> tuple[int, int]:
-        """Location and mode of a state."""
+        """Return location and mode of a state."""
         return divmod(state // 2, len(self.combination.modes))
 
     def beginning(self, location: int) -> int:
-        """The state in which a task begins at a location."""
+        """Return the state in which a task begins at a location."""
         return 2 * (location * len(self.combination.modes) + self.combination.capability.initial_mode)
 
     def allows(self, state: int, other: Combination) -> bool:
-        """Whether a system that is in a state can go on under another combination."""
+        """Tell whether a system that is in a state can go on under another combination."""
         location, _ = self.located(state)
         if other.environment.blocked[location] or other.capability.no_entry[location]:
             return False
@@ -68,7 +68,7 @@ class Situated(World):
 
 
 def canonical_world(model: TabularMDP) -> World:
-    """A model on the canonical index of its case; where a task is complete no location is known.
+    """Simulate a model on its canonical index; where a task is complete no location is known.
 
     Raises:
         ModelError: see `simulator`.
@@ -76,8 +76,8 @@ def canonical_world(model: TabularMDP) -> World:
     return World(model, simulator([model]), model.valuations, np.arange(model.num_states))
 
 
-def situated_world(combination: Combination, slip: float) -> Situated:
-    """A combination by its definition: rewards are those of each single step, not expected ones.
+def located_world(combination: Combination, slip: float) -> LocatedWorld:
+    """Simulate a combination by its definition: rewards are those of each single step, not expected ones.
 
     Args:
         combination: what is there.
@@ -93,4 +93,4 @@ def situated_world(combination: Combination, slip: float) -> Situated:
     seen = np.where(done[:, np.newaxis], ABSORBING_VALUE, whole.valuations[:, :-1])
     seen.flags.writeable = False
     number = np.where(done, pair.num_states, np.arange(whole.num_states) // 2)
-    return Situated(whole, simulator([whole]), seen, number, combination, Homing(combination, pair))
+    return LocatedWorld(whole, simulator([whole]), seen, number, combination, ReturnTrips(combination, pair))

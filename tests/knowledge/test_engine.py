@@ -12,7 +12,7 @@ from sqlalchemy import text
 from merap.errors import InputError, MerapError, StorageError
 from merap.knowledge import engine as engines
 from merap.knowledge.base import open_knowledge
-from merap.knowledge.engine import default_url, make_engine, place, read_url
+from merap.knowledge.engine import default_url, make_engine, read_url
 
 
 def refused(url: str, *, create: bool = True) -> str:
@@ -44,7 +44,7 @@ def test_postgresql_without_its_driver_says_how_to_get_it(monkeypatch: pytest.Mo
 
 def test_no_password_is_shown() -> None:
     url = "postgresql+psycopg://me:secret@127.0.0.1:1/x"
-    assert place(read_url(url)) == "postgresql://me:***@127.0.0.1:1/x"
+    assert read_url(url).place == "postgresql://me:***@127.0.0.1:1/x"
     with pytest.raises(StorageError, match=r"127\.0\.0\.1") as error:
         open_knowledge(url)
     assert "secret" not in str(error.value)

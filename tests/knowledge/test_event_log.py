@@ -17,7 +17,6 @@ from merap.errors import StorageError
 from merap.knowledge import engine
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.event_log import EventLog, JsonLines, plain
-from merap.knowledge.patience import Patience
 from merap.knowledge.rows import EventRow
 
 
@@ -32,7 +31,7 @@ def knowledge(tmp_path: Path, lines: JsonLines, monkeypatch: pytest.MonkeyPatch)
     """One that gives up soon, and tells the file so."""
     monkeypatch.setattr(engine, "LOCK_WAIT_MS", 10)
     url = engine.default_url(tmp_path)
-    with open_knowledge(url, patience=Patience(limit=0.02, pause=0.01), notice=lines.notice) as opened:
+    with open_knowledge(url, lock_timeout=0.02, notice=lines.notice) as opened:
         opened.start_run("first", "case", "digest", {})
         yield opened
 

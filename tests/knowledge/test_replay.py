@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merap.knowledge.base import open_knowledge
-from merap.knowledge.replay import Difference, differences, replay
+from merap.knowledge.replay import DecisionDifference, decision_differences, timeline
 from merap.knowledge.rows import DecisionRow
 from tests.support.recorded_runs import GOAL, LATE, REPLAN, RESET, SETTLED, STEP, UNSEEN, record_run
 
@@ -14,23 +14,25 @@ from tests.support.recorded_runs import GOAL, LATE, REPLAN, RESET, SETTLED, STEP
 def test_decisions_come_after_what_was_seen_at_their_step(knowledge_url: str) -> None:
     with open_knowledge(knowledge_url) as knowledge:
         run = record_run(knowledge)
-        assert [*replay(knowledge, run)] == [RESET, STEP, REPLAN, UNSEEN, GOAL, SETTLED, LATE]
+        assert [*timeline(knowledge, run)] == [RESET, STEP, REPLAN, UNSEEN, GOAL, SETTLED, LATE]
 
 
 def test_differences_say_what_was_recorded_and_what_was_derived() -> None:
     otherwise = DecisionRow(0, 1, "replan", ("reward fell below 0.4",))
     update = DecisionRow(2, 0, "update", ("one",))
-    found = differences([REPLAN, SETTLED, update], [otherwise, update], {"replan", "settled", "update"})
+    found = decision_differences(
+        [REPLAN, SETTLED, update], [otherwise, update], {"replan", "settled", "update"}
+    )
     assert found == (
-        Difference(0, 1, "replan", REPLAN.reasons, otherwise.reasons),
-        Difference(1, 1, "settled", (), None),
+        DecisionDifference(0, 1, "replan", REPLAN.reasons, otherwise.reasons),
+        DecisionDifference(1, 1, "settled", (), None),
     )
     assert str(found[0]) == (
         "episode 0, step 1: replan: recorded 'reward fell below 0.5; a goal was moved', "
         "derived 'reward fell below 0.4'"
     )
     assert str(found[1]) == "episode 1, step 1: settled: recorded '', derived nothing"
-    assert differences([REPLAN, SETTLED], [], {"update"}) == ()
+    assert decision_differences([REPLAN, SETTLED], [], {"update"}) == ()
 
 
 decisions = st.lists(
@@ -49,9 +51,9 @@ decisions = st.lists(
 @given(decisions)
 def test_order_matters_within_a_kind_and_step_alone(rows: list[DecisionRow]) -> None:
     kinds = {"replan", "update"}
-    assert differences(rows, rows, kinds) == ()
+    assert decision_differences(rows, rows, kinds) == ()
     by_step = sorted(rows, key=lambda row: (row.kind, -row.episode, -row.step))
-    assert differences(rows, by_step, kinds) == ()
+    assert decision_differences(rows, by_step, kinds) == ()
 
 
 @given(decisions, decisions)
@@ -59,8 +61,8 @@ def test_every_decision_too_many_or_missing_is_found(
     rows: list[DecisionRow], others: list[DecisionRow]
 ) -> None:
     kinds = {"replan", "update"}
-    found = differences(rows, others, kinds)
-    turned = differences(others, rows, kinds)
+    found = decision_differences(rows, others, kinds)
+    turned = decision_differences(others, rows, kinds)
     assert [(d.episode, d.step, d.kind, d.derived, d.recorded) for d in turned] == [
         (d.episode, d.step, d.kind, d.recorded, d.derived) for d in found
     ]

@@ -21,7 +21,6 @@ from sqlalchemy import make_url
 from merap.errors import StorageError
 from merap.knowledge import engine as engines
 from merap.knowledge.base import KnowledgeBase, open_knowledge
-from merap.knowledge.patience import Patience
 from merap.knowledge.rows import DecisionRow, ObservationRow
 from tests.support import knowledge_writer
 from tests.support.paths import ROOT
@@ -30,7 +29,7 @@ pytestmark = pytest.mark.process
 
 KILLS = 10
 STEP = ObservationRow(0, 1, (7, 0, 0), 1, -0.5, 1.0, False)
-BRIEF = Patience(limit=0.3, pause=0.01)
+BRIEF = 0.3
 
 
 class Writers:
@@ -149,7 +148,7 @@ def test_a_lock_of_another_process_is_waited_for(knowledge_url: str) -> None:
 
 def test_a_lock_that_stays_is_an_error_and_nothing_is_lost(knowledge_url: str) -> None:
     notices: list[str] = []
-    with open_knowledge(knowledge_url, patience=BRIEF, notice=notices.append) as knowledge:
+    with open_knowledge(knowledge_url, lock_timeout=BRIEF, notice=notices.append) as knowledge:
         run = knowledge.start_run("first", "case", "digest", {})
         knowledge.record_observations(run, [STEP])
         with locked(knowledge_url):
@@ -168,7 +167,7 @@ def test_a_lock_that_stays_is_an_error_and_nothing_is_lost(knowledge_url: str) -
 @pytest.mark.parametrize("knowledge_url", ["sqlite"], indirect=True)
 def test_a_transaction_waits_for_the_lock_before_it_begins(knowledge_url: str) -> None:
     notices: list[str] = []
-    with open_knowledge(knowledge_url, patience=BRIEF, notice=notices.append) as knowledge:
+    with open_knowledge(knowledge_url, lock_timeout=BRIEF, notice=notices.append) as knowledge:
         run = knowledge.start_run("first", "case", "digest", {})
         with locked(knowledge_url), pytest.raises(StorageError, match="gave up"), knowledge.transaction():
             pytest.fail("the transaction has begun")

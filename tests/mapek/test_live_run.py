@@ -29,8 +29,8 @@ from merap.mdp.planning import optimum
 from merap.report.timeline import draw_timeline
 from merap.strategies.evaluation import evaluator
 from merap.strategies.protocol import episode
-from merap.systems.faults import SystemFault
-from merap.systems.retrying import GuardedSystem, Retries
+from merap.systems.interface import SystemFault
+from merap.systems.retrying import Retries, RetryingSystem
 from merap.systems.served_dialect import open_served
 from tests.support.hand_made import grid_combination
 from tests.support.http_servers import FlakyServer, Mishap, free_port, raw_server, served_system, serving
@@ -71,7 +71,7 @@ def test_a_belief_adapts_through_http_over_a_bad_connection() -> None:
     ):
         assert remote.interface.horizon == 40
         server.mishaps = (kinds[index] for index in drawn)
-        system = GuardedSystem(remote, retries=Retries(10, 0.0, 0.0))
+        system = RetryingSystem(remote, retries=Retries(10, 0.0, 0.0))
         for _ in range(6):
             episode(system, strategy)
             strategy.update()

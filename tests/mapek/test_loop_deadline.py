@@ -23,7 +23,7 @@ from merap.shield.shielded_strategy import Restrictable
 from merap.strategies.registry import StrategyContext, make_strategy
 from merap.systems.deadline import Lateness
 from merap.systems.interface import ManagedSystem, Observation
-from merap.systems.retrying import GuardedSystem
+from merap.systems.retrying import RetryingSystem
 from merap.systems.strategy import Strategy
 from tests.support.loop_runs import scenario, timeless
 from tests.support.paths import MODELS
@@ -148,7 +148,7 @@ class KilledError(Exception):
 
 
 def guarded(system: ManagedSystem) -> ManagedSystem:
-    return GuardedSystem(system, deadline=60)
+    return RetryingSystem(system, deadline=60)
 
 
 def test_no_thread_is_left_over_however_a_run_ends(

@@ -11,7 +11,6 @@ import pytest
 from merap.errors import InputError, StorageError
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.event_log import JsonLines
-from merap.knowledge.patience import Patience
 from merap.learning.run_folder import RunFolder
 from merap.mapek import run_store
 from merap.mapek.records import EpisodeRow
@@ -19,7 +18,7 @@ from merap.mapek.run import run_loop
 from merap.mapek.run_store import umb_bytes
 from merap.mdp.model import TabularMDP
 from merap.systems.interface import ManagedSystem
-from merap.systems.retrying import GuardedSystem, Retries
+from merap.systems.retrying import Retries, RetryingSystem
 from tests.support.loop_runs import MOVED, Unsound, scenario, timeless
 from tests.support.trained_runs import trained
 
@@ -174,7 +173,7 @@ def test_others_can_write_while_models_are_packed(
     packed = []
 
     def beside(model: TabularMDP) -> bytes:
-        with open_knowledge(knowledge_url, patience=Patience(limit=0)) as other:
+        with open_knowledge(knowledge_url, lock_timeout=0) as other:
             packed.append(other.start_run("beside", "case", "digest", {}))
         return umb_bytes(model)
 
@@ -215,7 +214,7 @@ def test_an_unknown_manager_begins_nothing(run: RunFolder, tmp_path: Path, knowl
 
 def guarded(system: ManagedSystem) -> ManagedSystem:
     """The call that fails is not made again; the fallback is taken in its place."""
-    return GuardedSystem(Unsound(system, calls=1), retries=Retries(count=0), fallback="stop")
+    return RetryingSystem(Unsound(system, calls=1), retries=Retries(count=0), fallback="stop")
 
 
 @pytest.mark.slow

@@ -193,7 +193,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
     assert texts == {"".join(render(combination) for combination in HAND_MADE.values())}
 
 
-def test_a_small_model_reads_as_in_the_design() -> None:
+def test_a_small_model_reads_as_written_by_hand() -> None:
     combination = grid_combination(size=3, blocked=cells((1, 1), size=3), goal=(2, 2))
     assert render(combination) == (FIXTURES / "grid_3x3.prism").read_text(encoding="utf-8")
 

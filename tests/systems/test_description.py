@@ -10,7 +10,7 @@ from merap.concerns.case_study import load_case
 from merap.mapek.serving import served_combination
 from merap.systems.description import (
     Interface,
-    Variable,
+    ShownVariable,
     adaptation_options,
     adaptation_options_schema,
     execute_schema,
@@ -22,7 +22,11 @@ from tests.support.hand_made import grid_combination
 
 RUNNING = "models/running-example"
 OWN = Interface(
-    "own", ("go", "stay"), (Variable("x", -3, 4), Variable("y", -1, 1, ("low", "high"))), ("eye",), 7
+    "own",
+    ("go", "stay"),
+    (ShownVariable("x", -3, 4), ShownVariable("y", -1, 1, ("low", "high"))),
+    ("eye",),
+    7,
 )
 
 

@@ -12,6 +12,7 @@ from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.planning import backward_induction
 from merap.systems.gymnasium import GymnasiumSystem
+from merap.systems.interface import SystemFault
 from merap.systems.served import ServedSystem
 from merap.systems.strategy import StateIndex
 from tests.support.grid_tasks import grid_model, grid_task
@@ -145,7 +146,9 @@ def test_an_action_mask_tells_what_is_enabled() -> None:
     with pytest.raises(InputError, match="action 0 is not enabled; enabled are a1"):
         system.step(0)
     assert GymnasiumSystem(Own(NESTED, mask=[0, 1]), masked=False).reset().enabled.tolist() == [True, True]
-    with pytest.raises(InputError, match=r"the action mask has shape \(3,\), not \(2,\)"):
+    with pytest.raises(
+        SystemFault, match=r"malformed: Own: reset: the action mask has shape \(3,\), not \(2,\)"
+    ):
         GymnasiumSystem(Own(NESTED, mask=[0, 1, 1])).reset()
 
 

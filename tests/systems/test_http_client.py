@@ -12,8 +12,8 @@ import pytest
 
 from merap.errors import InputError
 from merap.systems import http_client
-from merap.systems.faults import FaultKind, SystemFault
 from merap.systems.http_client import UpisasClient
+from merap.systems.interface import FaultKind, SystemFault
 from tests.support.hand_made import grid_combination
 from tests.support.http_servers import (
     Connection,

@@ -18,6 +18,7 @@ from merap.mapek.serving import served_combination
 from merap.systems.http_server import MAX_BODY, listening, server
 from tests.support.hand_made import cells, grid_combination, with_objective
 from tests.support.http_servers import running, serving
+from tests.support.paths import ROOT
 
 RUNNING = "models/running-example"
 SCHEMAS = ("/monitor_schema", "/adaptation_options_schema", "/execute_schema")
@@ -69,6 +70,24 @@ def test_the_loop_of_a_upisas_manager(client: httpx.Client) -> None:
     refused = client.put("/execute", json={"action": "stop"})
     assert refused.status_code == 409
     assert refused.json() == {"error": 'the episode is over; execute {"reset": true} first'}
+
+
+def test_requests_that_the_client_of_upisas_lets_through_are_carried_out(client: httpx.Client) -> None:
+    """It wants every key of the schema in a request too: the call of docs/online.md, beyond an episode."""
+    schema = client.get("/execute_schema").json()
+    monitored = client.get("/monitor").json()
+    for _ in range(60):
+        before = {"episode": monitored["episode"], "step": monitored["step"]}
+        over = monitored["truncated"] or monitored["continuation"] == 0
+        change = {"action": None if over else monitored["enabled"][0], "reset": over, **before}
+        validate_as_upisas_does(change, schema)
+        assert client.put("/execute", json=change).status_code == 200
+        monitored = client.get("/monitor").json()
+        after = (before["episode"] + 1, 0) if over else (before["episode"], before["step"] + 1)
+        assert (monitored["episode"], monitored["step"]) == after
+    page = (ROOT / "docs" / "online.md").read_text(encoding="utf-8")
+    assert 'strategy.execute({"action": "east", "reset": False, **counters})' in page
+    assert 'strategy.execute({"action": None, "reset": True, **counters})' in page
 
 
 def test_it_is_driven_to_its_goal() -> None:

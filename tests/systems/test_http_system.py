@@ -11,11 +11,10 @@ import pytest
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
 from merap.systems.description import Json, interface_of
-from merap.systems.dialect import Seen
-from merap.systems.faults import SystemFault
+from merap.systems.dialect import MonitoredState
 from merap.systems.http_client import UpisasClient
 from merap.systems.http_system import HttpSystem
-from merap.systems.interface import Observation
+from merap.systems.interface import Observation, SystemFault
 from merap.systems.served import Pace, ServedSystem
 from merap.systems.served_dialect import open_served
 from merap.systems.simulated import SimulatedSystem
@@ -221,12 +220,12 @@ class DemoDialect:
 
     actions = ("-1", "0", "1")
 
-    def read(self, monitored: Mapping[str, Any]) -> Seen:
+    def read(self, monitored: Mapping[str, Any]) -> MonitoredState:
         value = float(monitored["f"])
         cell = np.array([round(value)])
-        return Seen(Observation(cell, np.ones(3, dtype=np.bool_), -value, 1.0, False))
+        return MonitoredState(Observation(cell, np.ones(3, dtype=np.bool_), -value, 1.0, False))
 
-    def change(self, action: int | None, last: Seen | None) -> Json | None:
+    def change(self, action: int | None, last: MonitoredState | None) -> Json | None:
         return None if action is None else {"x": float(self.actions[action])}
 
 

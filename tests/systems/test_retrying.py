@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from merap.errors import InputError
-from merap.systems.faults import FaultKind, SystemFault
-from merap.systems.interface import ManagedSystem, Observation
-from merap.systems.retrying import GuardedSystem, Retries
+from merap.systems.interface import FaultKind, ManagedSystem, Observation, SystemFault
+from merap.systems.retrying import Retries, RetryingSystem
 from merap.systems.served_dialect import open_served
 from merap.systems.simulated import SimulatedSystem
 from tests.support.hand_made import cells, grid_combination
@@ -60,7 +59,7 @@ def begun(system: Troubled, *troubles: SystemFault | None) -> Troubled:
 
 
 def test_without_trouble_nothing_is_changed() -> None:
-    guarded = GuardedSystem(Troubled(), deadline=60, retries=QUICK, fallback="stop")
+    guarded = RetryingSystem(Troubled(), deadline=60, retries=QUICK, fallback="stop")
     assert guarded.actions == ("stop", "up", "down", "left", "right")
     assert guarded.reset().valuation.tolist() == [0, 0, 0]
     found = [guarded.step(action) for action in (RIGHT, RIGHT, STOP)]
@@ -74,7 +73,7 @@ def test_repeatable_faults_are_mended_by_retries(
 ) -> None:
     seen: list[SystemFault] = []
     system = begun(Troubled(), fault(), fault("timeout"), fault("malformed"))
-    guarded = GuardedSystem(system, deadline=deadline, retries=QUICK, on_fault=seen.append)
+    guarded = RetryingSystem(system, deadline=deadline, retries=QUICK, on_fault=seen.append)
     guarded.reset()
     with caplog.at_level(logging.WARNING):
         assert guarded.step(RIGHT).valuation.tolist() == [0, 1, 0]
@@ -88,13 +87,13 @@ def test_repeatable_faults_are_mended_by_retries(
 
 
 def test_a_reset_is_retried_too() -> None:
-    guarded = GuardedSystem(Troubled([fault(), fault()]), retries=QUICK)
+    guarded = RetryingSystem(Troubled([fault(), fault()]), retries=QUICK)
     assert guarded.reset().valuation.tolist() == [0, 0, 0]
 
 
 def test_when_all_retries_have_failed_the_fallback_is_taken() -> None:
     system = begun(Troubled(), *[fault()] * 4)
-    guarded = GuardedSystem(system, retries=QUICK, fallback="stop")
+    guarded = RetryingSystem(system, retries=QUICK, fallback="stop")
     guarded.reset()
     found = guarded.step(RIGHT)
     assert found.taken == STOP
@@ -105,7 +104,7 @@ def test_when_all_retries_have_failed_the_fallback_is_taken() -> None:
 
 def test_a_fault_that_is_not_repeatable_is_not_retried() -> None:
     system = begun(Troubled(), fault(repeatable=False))
-    guarded = GuardedSystem(system, retries=QUICK, fallback="stop")
+    guarded = RetryingSystem(system, retries=QUICK, fallback="stop")
     guarded.reset()
     assert guarded.step(RIGHT).taken == STOP
     assert system.done == [STOP]
@@ -123,7 +122,7 @@ def test_a_fault_that_is_not_repeatable_is_not_retried() -> None:
 )
 def test_what_no_guard_can_mend_is_raised(troubles: list[SystemFault], fallback: str | None) -> None:
     system = begun(Troubled(), *troubles)
-    guarded = GuardedSystem(system, retries=QUICK, fallback=fallback)
+    guarded = RetryingSystem(system, retries=QUICK, fallback=fallback)
     guarded.reset()
     with pytest.raises(SystemFault, match="for the test"):
         guarded.step(RIGHT)
@@ -140,7 +139,7 @@ def test_a_fallback_that_is_not_enabled_is_not_taken() -> None:
             return Observation(found.valuation, mask, 0.0, 1.0, False)
 
     system = begun(Disabled(), fault(), fault())
-    guarded = GuardedSystem(system, retries=ONCE, fallback="stop")
+    guarded = RetryingSystem(system, retries=ONCE, fallback="stop")
     guarded.reset()
     with pytest.raises(SystemFault, match="for the test"):
         guarded.step(RIGHT)
@@ -149,7 +148,7 @@ def test_a_fallback_that_is_not_enabled_is_not_taken() -> None:
 
 def test_a_late_step_is_waited_for_again_and_not_made_twice() -> None:
     system = Troubled()
-    guarded = GuardedSystem(system, deadline=0.05, retries=Retries(1000, 0.001, 0.01))
+    guarded = RetryingSystem(system, deadline=0.05, retries=Retries(1000, 0.001, 0.01))
     guarded.reset()
     system.hangs = 1
     threading.Timer(0.3, system.gate.set).start()
@@ -159,14 +158,14 @@ def test_a_late_step_is_waited_for_again_and_not_made_twice() -> None:
 
 def test_a_system_that_hangs_ends_in_a_timeout_and_can_be_reset_when_it_is_back() -> None:
     system = Troubled()
-    guarded = GuardedSystem(system, deadline=0.05, retries=ONCE, fallback="stop")
+    guarded = RetryingSystem(system, deadline=0.05, retries=ONCE, fallback="stop")
     guarded.reset()
     system.hangs = 1
     with pytest.raises(SystemFault, match=r"has not answered within 0\.05 s") as caught:
         guarded.step(RIGHT)
     assert caught.value.kind == "timeout"
     system.gate.set()
-    patient = GuardedSystem(system, deadline=60)
+    patient = RetryingSystem(system, deadline=60)
     assert patient.reset().valuation.tolist() == [0, 0, 0]
     assert system.done in ([], [RIGHT])  # the step may still be under way
 
@@ -178,7 +177,7 @@ def test_a_step_that_arrives_while_the_fallback_is_tried_is_the_one_that_was_ask
     def open_gate(_: SystemFault) -> None:
         system.gate.set()
 
-    guarded = GuardedSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=open_gate)
+    guarded = RetryingSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=open_gate)
     guarded.reset()
     system.hangs = 1
     found = guarded.step(RIGHT)
@@ -204,9 +203,9 @@ class LateFault(Troubled):
         self.gate.set()
 
 
-def waiting_for(system: LateFault) -> GuardedSystem:
+def waiting_for(system: LateFault) -> RetryingSystem:
     """The first step is late, and has its outcome while it is waited for again."""
-    return GuardedSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=system.open_gate)
+    return RetryingSystem(system, deadline=1.0, retries=ONCE, fallback="stop", on_fault=system.open_gate)
 
 
 def test_a_step_that_is_late_and_then_fails_is_replaced_by_the_fallback() -> None:
@@ -240,18 +239,18 @@ def test_a_step_that_is_late_is_replaced_no_more_than_any_other(
 
 def test_a_guard_that_is_closed_leaves_no_thread() -> None:
     before = threading.active_count()
-    with GuardedSystem(Troubled(), deadline=60) as guarded:
+    with RetryingSystem(Troubled(), deadline=60) as guarded:
         guarded.reset()
         assert threading.active_count() == before + 1
     assert threading.active_count() == before
-    with GuardedSystem(Troubled()) as plain:
+    with RetryingSystem(Troubled()) as plain:
         plain.reset()
         assert threading.active_count() == before
 
 
 def test_errors_that_are_no_faults_pass() -> None:
     for deadline in (None, 60.0):
-        with GuardedSystem(Troubled(), deadline=deadline, retries=QUICK, fallback="stop") as guarded:
+        with RetryingSystem(Troubled(), deadline=deadline, retries=QUICK, fallback="stop") as guarded:
             guarded.reset()
             with pytest.raises(InputError, match="action 7 is not enabled"):
                 guarded.step(7)
@@ -299,7 +298,7 @@ def test_no_step_is_lost_or_made_twice_however_bad_the_connection() -> None:
     server.mishaps, later = iter(()), server.mishaps
     with raw_server(server) as url, open_served(url, timeout=10) as system:
         server.mishaps = later
-        guarded = GuardedSystem(system, retries=Retries(20, 0.0, 0.0), fallback="stop")
+        guarded = RetryingSystem(system, retries=Retries(20, 0.0, 0.0), fallback="stop")
         taken, seen_earned = play(guarded, generator, episodes=4)
     assert taken == executed
     assert seen_earned == pytest.approx(earned)
@@ -316,7 +315,7 @@ def test_no_step_is_lost_or_made_twice_however_bad_the_connection() -> None:
 )
 def test_settings_that_make_no_sense_are_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        GuardedSystem(Troubled(), **settings)  # type: ignore[arg-type]
+        RetryingSystem(Troubled(), **settings)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("arguments", [(-1, 0.1, 1.0), (1, -0.1, 1.0), (1, 2.0, 1.0), (1, 0.1, float("inf"))])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from merap.errors import InputError
-from merap.systems.description import Interface, Json, Variable
+from merap.systems.description import Interface, Json, ShownVariable
 from merap.systems.interface import Observation
 from merap.systems.served import Pace, RefusedRequestError, ServedSystem
 
@@ -40,7 +40,7 @@ class Counting:
         return Observation(np.array([self.steps]), enabled, 1.0, 0.0 if over else 1.0, False)
 
 
-COUNTED = Interface("counting", ACTIONS, (Variable("count", -1, 5),))
+COUNTED = Interface("counting", ACTIONS, (ShownVariable("count", -1, 5),))
 
 
 def counting() -> tuple[Counting, ServedSystem]:

@@ -15,8 +15,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from merap.systems.faults import FaultKind, SystemFault
-from merap.systems.retrying import GuardedSystem, Retries
+from merap.systems.interface import FaultKind, SystemFault
+from merap.systems.retrying import Retries, RetryingSystem
 from merap.systems.served_dialect import open_served
 from tests.support.hand_made import grid_combination
 from tests.support.http_servers import FlakyServer, raw_server, read_request, response, served_system
@@ -93,12 +93,12 @@ class Breaking:
 
 
 @contextmanager
-def begun(how: str, fallback: str) -> Iterator[tuple[GuardedSystem, Breaking]]:
+def begun(how: str, fallback: str) -> Iterator[tuple[RetryingSystem, Breaking]]:
     broken_by, kind = BREAKS[how]
     server = Breaking(broken_by)
     timeout = BRIEFLY if kind == "timeout" else LONG
     with raw_server(server) as url, open_served(url, timeout=timeout) as remote:
-        system = GuardedSystem(remote, retries=RETRIES, fallback=fallback)
+        system = RetryingSystem(remote, retries=RETRIES, fallback=fallback)
         system.reset()
         yield system, server
 

@@ -1,1 +1,1 @@
-"""How the schema came to be, step by step; run by `merap.knowledge.schema`."""
+"""Steps by which the schema came to be; run by `merap.knowledge.schema`."""

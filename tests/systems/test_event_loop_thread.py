@@ -7,13 +7,13 @@ import threading
 
 import pytest
 
-from merap.systems.loop_thread import LoopThread
+from merap.systems.http_client import EventLoopThread
 
 pytestmark = pytest.mark.process
 
 
 def test_it_runs_work_in_its_thread_and_gives_the_result() -> None:
-    thread = LoopThread("own")
+    thread = EventLoopThread("own")
 
     async def name() -> str:
         await asyncio.sleep(0)
@@ -26,7 +26,7 @@ def test_it_runs_work_in_its_thread_and_gives_the_result() -> None:
 
 
 def test_what_the_work_raises_is_raised_to_the_caller() -> None:
-    thread = LoopThread("own")
+    thread = EventLoopThread("own")
 
     async def late() -> None:
         async with asyncio.timeout(0.01):

@@ -1,0 +1,29 @@
+from .deadline import Lateness as Lateness
+from .deadline import Punctual as Punctual
+from .description import Interface as Interface
+from .description import ShownVariable as ShownVariable
+from .description import interface_of as interface_of
+from .dialect import Dialect as Dialect
+from .dialect import MonitoredState as MonitoredState
+from .gymnasium import GymnasiumSystem as GymnasiumSystem
+from .http_client import UpisasClient as UpisasClient
+from .http_server import application as application
+from .http_server import listening as listening
+from .http_server import server as server
+from .http_system import HttpSystem as HttpSystem
+from .interface import ManagedSystem as ManagedSystem
+from .interface import Observation as Observation
+from .interface import SystemFault as SystemFault
+from .renumbered import RenumberedSystem as RenumberedSystem
+from .retrying import Retries as Retries
+from .retrying import RetryingSystem as RetryingSystem
+from .served import Pace as Pace
+from .served import ServedSystem as ServedSystem
+from .served_dialect import RemoteSystem as RemoteSystem
+from .served_dialect import open_served as open_served
+from .simulated import SimulatedSystem as SimulatedSystem
+from .slip import slipping_model as slipping_model
+from .strategy import StateIndex as StateIndex
+from .strategy import Strategy as Strategy
+
+__all__: list[str]
