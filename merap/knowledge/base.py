@@ -111,11 +111,11 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
             settings: as JSON.
         """
         row = {"name": name, "case": case, "digest": digest, "settings": settings, "started": now()}
-        return self._store.write(partial(insert_row, table=tables.RunTable, row=row))
+        return self._store.write(partial(insert_row, table=tables.RunRecord, row=row))
 
     def record_model(self, run: int, name: str, umb: bytes) -> int:
         """Record a model (a UMB archive), and return its number."""
-        return self._record(run, tables.ModelTable, {"name": name}, umb)
+        return self._record(run, tables.ModelRecord, {"name": name}, umb)
 
     def record_policy(
         self, run: int, kind: PolicyKind, step: int, tensors: bytes, model: int | None = None
@@ -129,20 +129,22 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
             tensors: safetensors.
             model: the number of the model that it was made for.
         """
-        return self._record(run, tables.PolicyTable, {"kind": kind, "step": step, "model_id": model}, tensors)
+        return self._record(
+            run, tables.PolicyRecord, {"kind": kind, "step": step, "model_id": model}, tensors
+        )
 
     def record_observations(self, run: int, rows: Sequence[ObservationRow]) -> None:
         """Record observations, in this order."""
         if rows:
-            self._append(run, tables.ObservationTable, [vars(row) for row in rows])
+            self._append(run, tables.ObservationRecord, [vars(row) for row in rows])
 
     def record_decision(self, run: int, row: DecisionRow) -> int:
         """Record a decision with its reasons, and return its number."""
-        return self._record(run, tables.DecisionTable, vars(row))
+        return self._record(run, tables.DecisionRecord, vars(row))
 
     def record_event(self, run: int, row: EventRow) -> int:
         """Record a line of the log, and return its number."""
-        return self._record(run, tables.EventTable, vars(row))
+        return self._record(run, tables.EventRecord, vars(row))
 
     def record_checkpoint(self, run: int, episode: int, state: bytes) -> int:
         """Record a state to go on from after a number of episodes, and return its own number.
@@ -150,16 +152,16 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         Raises:
             StorageError: there is one already, so another process goes on with this run.
         """
-        return self._record(run, tables.CheckpointTable, {"episode": episode}, state)
+        return self._record(run, tables.CheckpointRecord, {"episode": episode}, state)
 
     def finish_run(self, run: int, report: Mapping[str, Any]) -> None:
         """Record how a run ended; of several reports the last one holds."""
-        self._record(run, tables.ReportTable, {"report": report})
+        self._record(run, tables.ReportRecord, {"report": report})
 
     def latest_checkpoint(self, run: int) -> Checkpoint | None:
         """Return the last state that was recorded; None if there is none."""
         self._require(run)
-        table = tables.CheckpointTable
+        table = tables.CheckpointRecord
         query = (
             select(table.episode, table.digest)
             .where(table.run_id == run)
@@ -175,7 +177,7 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         Raises:
             InputError: there are none, or they are damaged.
         """
-        query = select(tables.BlobTable.content).where(tables.BlobTable.digest == digest)
+        query = select(tables.BlobRecord.content).where(tables.BlobRecord.digest == digest)
         content = self._store.read(lambda connection: connection.scalar(query))
         if content is None or hashlib.sha256(content).hexdigest() != digest:
             damage = "missing" if content is None else "damaged"

@@ -22,15 +22,15 @@ from merap.knowledge.rows import (
 )
 from merap.knowledge.tables import (
     HISTORY,
-    CheckpointTable,
-    DecisionTable,
-    EventTable,
+    CheckpointRecord,
+    DecisionRecord,
+    EventRecord,
     History,
-    ModelTable,
-    ObservationTable,
-    PolicyTable,
-    ReportTable,
-    RunTable,
+    ModelRecord,
+    ObservationRecord,
+    PolicyRecord,
+    ReportRecord,
+    RunRecord,
 )
 
 PAGE = 1000
@@ -75,13 +75,13 @@ def _report(row: RowMapping) -> ReportRow:
 
 
 READERS: Mapping[type[History], Callable[[RowMapping], Row]] = {
-    ObservationTable: _observation,
-    DecisionTable: _decision,
-    EventTable: _event,
-    ModelTable: _model,
-    PolicyTable: _policy,
-    CheckpointTable: _checkpoint,
-    ReportTable: _report,
+    ObservationRecord: _observation,
+    DecisionRecord: _decision,
+    EventRecord: _event,
+    ModelRecord: _model,
+    PolicyRecord: _policy,
+    CheckpointRecord: _checkpoint,
+    ReportRecord: _report,
 }
 
 
@@ -118,7 +118,7 @@ def last_position(connection: Connection, run: int, place: str) -> int:
     Raises:
         InputError: there is no such run.
     """
-    beginnings = select(RunTable.id - RunTable.id).where(RunTable.id == run)
+    beginnings = select(RunRecord.id - RunRecord.id).where(RunRecord.id == run)
     ends = [select(func.max(table.position)).where(table.run_id == run) for table in HISTORY]
     found = [*connection.scalars(beginnings.union_all(*ends))]
     positions = [int(position) for position in found if position is not None]
@@ -129,9 +129,9 @@ def last_position(connection: Connection, run: int, place: str) -> int:
 
 def read_runs(connection: Connection, run: int | None = None) -> tuple[RunRow, ...]:
     """Return all runs, or one."""
-    query: Select[Any] = select(RunTable.__table__).order_by(RunTable.id)
+    query: Select[Any] = select(RunRecord.__table__).order_by(RunRecord.id)
     if run is not None:
-        query = query.where(RunTable.id == run)
+        query = query.where(RunRecord.id == run)
     return tuple(
         RunRow(**row, **_ending(connection, row["id"])) for row in connection.execute(query).mappings().all()
     )
@@ -139,9 +139,9 @@ def read_runs(connection: Connection, run: int | None = None) -> tuple[RunRow, .
 
 def _ending(connection: Connection, run: int) -> Mapping[str, Any]:
     query = (
-        select(ReportTable.recorded, ReportTable.report)
-        .where(ReportTable.run_id == run)
-        .order_by(ReportTable.position.desc())
+        select(ReportRecord.recorded, ReportRecord.report)
+        .where(ReportRecord.run_id == run)
+        .order_by(ReportRecord.position.desc())
         .limit(1)
     )
     found = connection.execute(query).one_or_none()

@@ -91,7 +91,7 @@ class Base(DeclarativeBase):
     type_annotation_map = {datetime: UtcTime(), str: PlainText(), float: Double()}  # noqa: RUF012 - read by SQLAlchemy
 
 
-class RunTable(Base):
+class RunRecord(Base):
     """Runs of the loop."""
 
     __tablename__ = "run"
@@ -104,7 +104,7 @@ class RunTable(Base):
     started: Mapped[datetime]
 
 
-class BlobTable(Base):
+class BlobRecord(Base):
     """Bytes by their SHA-256, stored once."""
 
     __tablename__ = "blob"
@@ -128,7 +128,7 @@ class History(Base):
         return (Index(f"{cls.__tablename__}_position", "run_id", "position", unique=True),)
 
 
-class ModelTable(History):
+class ModelRecord(History):
     """Models, as UMB archives."""
 
     __tablename__ = "model"
@@ -137,7 +137,7 @@ class ModelTable(History):
     digest: Mapped[str] = mapped_column(ForeignKey("blob.digest"))
 
 
-class PolicyTable(History):
+class PolicyRecord(History):
     """Policies, as safetensors."""
 
     __tablename__ = "policy"
@@ -148,7 +148,7 @@ class PolicyTable(History):
     model_id: Mapped[int | None] = mapped_column(ForeignKey("model.id"))
 
 
-class ObservationTable(History):
+class ObservationRecord(History):
     """Observations of a system, each with the action that led to it."""
 
     __tablename__ = "observation"
@@ -164,7 +164,7 @@ class ObservationTable(History):
     enabled: Mapped[Any] = mapped_column(StrictJson(), nullable=True)
 
 
-class DecisionTable(History):
+class DecisionRecord(History):
     """Decisions with their reasons."""
 
     __tablename__ = "decision"
@@ -176,7 +176,7 @@ class DecisionTable(History):
     data: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
 
 
-class EventTable(History):
+class EventRecord(History):
     """Lines of the log."""
 
     __tablename__ = "event"
@@ -188,7 +188,7 @@ class EventTable(History):
     data: Mapped[Any] = mapped_column(StrictJson(), nullable=False)
 
 
-class CheckpointTable(History):
+class CheckpointRecord(History):
     """States to go on from, one for each episode of a run."""
 
     __tablename__ = "checkpoint"
@@ -201,7 +201,7 @@ class CheckpointTable(History):
     digest: Mapped[str] = mapped_column(ForeignKey("blob.digest"))
 
 
-class ReportTable(History):
+class ReportRecord(History):
     """Reports of how a run ended; of several the last one holds."""
 
     __tablename__ = "report"
@@ -210,11 +210,11 @@ class ReportTable(History):
 
 
 HISTORY: tuple[type[History], ...] = (
-    ModelTable,
-    PolicyTable,
-    ObservationTable,
-    DecisionTable,
-    EventTable,
-    CheckpointTable,
-    ReportTable,
+    ModelRecord,
+    PolicyRecord,
+    ObservationRecord,
+    DecisionRecord,
+    EventRecord,
+    CheckpointRecord,
+    ReportRecord,
 )

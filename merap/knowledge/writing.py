@@ -11,7 +11,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from merap.knowledge.reading import last_position
 from merap.knowledge.rows import now
-from merap.knowledge.tables import Base, BlobTable, History
+from merap.knowledge.tables import Base, BlobRecord, History
 
 
 def insert_row(connection: Connection, table: type[Base], row: Mapping[str, Any]) -> int:
@@ -45,9 +45,9 @@ def append(
 def store(connection: Connection, content: bytes) -> str:
     """Store bytes unless they are there, and return their SHA-256."""
     digest = hashlib.sha256(content).hexdigest()
-    if connection.scalar(select(BlobTable.digest).where(BlobTable.digest == digest)) is None:
+    if connection.scalar(select(BlobRecord.digest).where(BlobRecord.digest == digest)) is None:
         # another process may just have stored the same
         dialect = sqlite if connection.dialect.name == "sqlite" else postgresql
-        row = dialect.insert(BlobTable).values(digest=digest, content=content)
+        row = dialect.insert(BlobRecord).values(digest=digest, content=content)
         connection.execute(row.on_conflict_do_nothing())
     return digest

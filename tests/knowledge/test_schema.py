@@ -22,7 +22,7 @@ from merap.knowledge.base import open_knowledge
 from merap.knowledge.engine import for_writing, make_engine, read_url
 from merap.knowledge.rows import DecisionRow, EventRow, ObservationRow, now
 from merap.knowledge.schema import SCRIPTS, current_schema, migrate
-from merap.knowledge.tables import HISTORY, SCHEMA, Base, RunTable
+from merap.knowledge.tables import HISTORY, SCHEMA, Base, RunRecord
 from merap.knowledge.writing import insert_row, store
 
 TABLES = ("run", "blob", *(table.__tablename__ for table in HISTORY))
@@ -93,7 +93,7 @@ def old_engine(url: str, episodes: Sequence[int]) -> Engine:
         store(connection, b"state")
         for name in ("first", "second"):
             row: dict[str, Any] = {"name": name, "case": "case", "digest": "digest", "settings": {}}
-            insert_row(connection, RunTable, {**row, "started": now()})
+            insert_row(connection, RunRecord, {**row, "started": now()})
     for number, episode in enumerate(episodes):
         append_checkpoint(engine, 1, number + 1, episode)
         append_checkpoint(engine, 2, number + 1, number)
