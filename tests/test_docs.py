@@ -28,6 +28,9 @@ def blocks(path: Path, language: str) -> list[str]:
 def test_examples_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
+    for block in blocks(path, "yaml"):
+        if (name := re.match(r"# (\w+\.yaml)\n", block)) is not None:
+            (tmp_path / name[1]).write_text(block, encoding="utf-8")
     for index, block in enumerate(blocks(path, "python")):
         program = tmp_path / f"example_{index}.py"
         program.write_text(block, encoding="utf-8")
@@ -51,3 +54,29 @@ def test_the_case_of_the_docs_is_as_described(tmp_path: Path) -> None:
     first = false[0]
     line = f"{first.combination}: {first.name} ({first.property}) does not hold: {first.reason}"
     assert line in page.read_text(encoding="utf-8")
+
+
+def prose(path: Path) -> str:
+    """Return a page without code blocks."""
+    return re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(path: Path) -> set[str]:
+    """Return the anchors of a page's headings, made as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", prose(path), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", prose(path)):
+        page = path.parent / target if target else path
+        assert page.is_file(), target
+        assert not anchor or anchor in anchors(page), f"{target}#{anchor}"
+
+
+@pytest.mark.parametrize("path", TEXTS[1:], ids=lambda path: path.name)
+def test_a_page_begins_with_its_purpose_in_plain_sentences(path: Path) -> None:
+    text = prose(path)
+    assert re.match(r"# .+\n\nThis page ", text)
+    assert not re.search(r"(^|[.:;]\s)(Of|Which|So many) ", text, re.MULTILINE)
