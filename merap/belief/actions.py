@@ -18,10 +18,10 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.combination import Capability, Combination, ExternalAction
-from merap.concerns.expressions import evaluate
 from merap.concerns.steps import scope_of
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
+from merap.program.expressions import evaluate
 
 MAX_MOVES = 10
 NEGLIGIBLE = 1e-12

@@ -19,8 +19,8 @@ import numpy as np
 from merap.belief.actions import ActionTable, action_tables
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Capability, Combination, ExternalAction, Innate, Outcome
-from merap.concerns.expressions import Constant, Expression, Operation
 from merap.errors import InputError
+from merap.program.expressions import Constant, Expression, Operation
 
 ALL_OUTCOMES = "all outcomes"
 ONE = Fraction(1)

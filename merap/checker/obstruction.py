@@ -9,8 +9,8 @@ import networkx as nx
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.concerns.expressions import Constant
 from merap.mdp.model import Bools, Ints
+from merap.program.expressions import Constant
 
 MAX_NAMED = 12
 IMPOSSIBLE = Constant(Fraction(0))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from merap.concerns.names import suggestion
 from merap.errors import EngineError, InputError, MerapError
+from merap.program.names import suggestion
 
 # Storm puts the name of its exception before the message; these speak of what the user wrote.
 _USER_ERRORS = ("WrongFormat", "Invalid", "Illegal")

@@ -12,7 +12,6 @@ import numpy as np
 from merap.concerns.checks import DistributionCheck
 from merap.concerns.combination import Capability, Combination, Environment
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
-from merap.concerns.names import suggestion
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_space import resolve_space
 from merap.concerns.space import Space
@@ -22,6 +21,7 @@ from merap.concerns.vocabulary import action_names, check_vocabulary, mode_names
 from merap.concerns.warnings import idle_rules, unused_parameters
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
+from merap.program.names import suggestion
 
 DEFAULT_LIMIT = 10_000
 _NAMES_TO_COMPARE = 2000

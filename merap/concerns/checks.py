@@ -10,7 +10,6 @@ import numpy as np
 
 from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
-from merap.concerns.expressions import Column, Constant, Scope, evaluate, variables
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
@@ -18,6 +17,7 @@ from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Column, Constant, Scope, evaluate, variables
 
 
 @dataclass(frozen=True, eq=False, repr=False)

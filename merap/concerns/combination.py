@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from merap.concerns.expressions import Expression
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Expression
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]

@@ -11,7 +11,6 @@ import numpy as np
 
 from merap.concerns.document import KeyPath
 from merap.concerns.generation import Choice, Product, draw, separators
-from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import (
     ParameterTypes,
     Values,
@@ -26,6 +25,7 @@ from merap.concerns.schema_base import shown
 from merap.concerns.supports import Configurations, Generated, Named
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints
+from merap.program.names import check_name, suggestion
 
 MAX_COUNT = 2**62
 MAX_ENUMERATED = 200_000

@@ -13,12 +13,12 @@ from typing import Any, TypeAlias
 
 from pydantic_core import PydanticCustomError
 
-from merap.concerns.expressions import Kind, exact
-from merap.concerns.names import suggestion
 from merap.concerns.schema import ParameterType
 from merap.concerns.schema_base import Box, LocationRef, LocationSet, is_number, is_whole, location_set, shown
 from merap.concerns.space import Space
 from merap.errors import InputError
+from merap.program.expressions import Kind, exact
+from merap.program.names import suggestion
 
 Edge: TypeAlias = tuple[int, int]
 ParameterValue: TypeAlias = bool | Fraction | int | tuple[int, ...] | tuple[Edge, ...]

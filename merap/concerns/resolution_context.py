@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.expressions import Constant, Expression, Kind, Value, check, exact, parse
-from merap.concerns.names import suggestion
 from merap.concerns.parameters import (
     EXPRESSION_KINDS,
     ParameterTypes,
@@ -25,6 +23,8 @@ from merap.errors import InputError
 from merap.mdp.model import Bools
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Constant, Expression, Kind, Value, check, exact, parse
+from merap.program.names import suggestion
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,6 @@ from typing import Literal
 
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
 from merap.concerns.document import KeyPath
-from merap.concerns.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
-from merap.concerns.names import suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.resolution_context import ResolutionContext, expression_kinds
 from merap.concerns.schema import CapabilitySpec
@@ -18,6 +16,8 @@ from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, Outco
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
+from merap.program.names import suggestion
 
 NO_ENTRY = "no_entry"
 ONE = Constant(Fraction(1))

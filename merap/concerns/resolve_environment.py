@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.combination import Environment
-from merap.concerns.names import suggestion
 from merap.concerns.parameters import Edge, ParameterValue, Values, held_locations, present_all
 from merap.concerns.reachability import leaves_goals_reachable
 from merap.concerns.resolution_context import ResolutionContext, frozen
@@ -20,6 +19,7 @@ from merap.concerns.schema_base import Box
 from merap.concerns.space import Attribute
 from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
+from merap.program.names import suggestion
 
 BLOCKED = "blocked"
 BLOCKED_EDGES = "blocked_edges"

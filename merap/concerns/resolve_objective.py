@@ -9,8 +9,6 @@ import numpy as np
 
 from merap.concerns.combination import Condition, Objective, RewardRule
 from merap.concerns.document import KeyPath
-from merap.concerns.expressions import Expression, Kind, Value, fold
-from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.resolution_context import ResolutionContext, expression_kinds
 from merap.concerns.resolve_capability import names_in
@@ -20,6 +18,8 @@ from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Expression, Kind, Value, fold
+from merap.program.names import check_name, suggestion
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.names import check_name, suggestion
 from merap.concerns.parameters import find_locations
 from merap.concerns.schema_base import LocationSet, Setting, is_number, shown
 from merap.concerns.schema_capability import STAY
@@ -17,6 +16,7 @@ from merap.concerns.space import Attribute, Detector, Space
 from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.program.names import check_name, suggestion
 
 # Words that belong to the syntax of expressions.
 _EXPRESSION_WORDS = frozenset(

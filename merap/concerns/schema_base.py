@@ -14,9 +14,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, Wit
 from pydantic_core import PydanticCustomError
 
 from merap.concerns.document import KeyPath
-from merap.concerns.names import IDENTIFIER, suggestion
 from merap.masking import masked_url
 from merap.mdp.short_repr import ShortRepr
+from merap.program.names import IDENTIFIER, suggestion
 
 
 class Spec(BaseModel):

@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from merap.concerns.expression_values import Column
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions.values import Column
 
 
 @dataclass(frozen=True, eq=False, repr=False)

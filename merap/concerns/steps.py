@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.expressions import Column, Expression, evaluate, variables
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.program.expressions import Column, Expression, evaluate, variables
 
 
 class Steps:

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from merap.concerns.combination import Combination, ExternalAction, Outcome
-from merap.concerns.expressions import evaluate
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, scope_of
 from merap.errors import InputError
@@ -30,6 +29,7 @@ from merap.mdp.reserved_names import (
     MODE_VARIABLE,
     UNSAFE_LABEL,
 )
+from merap.program.expressions import evaluate
 
 
 def synthesise(combination: Combination) -> TabularMDP:

@@ -11,13 +11,13 @@ from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.combination import Combination, Objective
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.names import suggestion
 from merap.concerns.parameters import ParameterTypes, Values
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, SystemSpec
 from merap.concerns.supports import Support, Supports
 from merap.mdp.short_repr import ShortRepr
+from merap.program.names import suggestion
 
 Resolved = TypeVar("Resolved")
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.names import check_emitted_name, check_name
 from merap.concerns.parameters import ParameterTypes
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
 from merap.concerns.schema_capability import restarts
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
+from merap.program.names import check_emitted_name, check_name
 
 READY = "ready"
 _MEANINGS: Mapping[str, Mapping[str, tuple[ParameterType, ...]]] = {

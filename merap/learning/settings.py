@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from merap.concerns.document import key_text
-from merap.concerns.names import suggestion
 from merap.concerns.validation import message
 from merap.concerns.yaml_file import read_document, read_value
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
+from merap.program.names import suggestion
 
 MAX_SHOWN = 100
 

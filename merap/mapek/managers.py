@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.names import suggestion
 from merap.errors import InputError
 from merap.mapek.learner import StrategyMaker
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import StrategySpec
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
+from merap.program.names import suggestion
 from merap.strategies.fixed import FixedStrategy, optimal_policy
 from merap.strategies.registry import (
     GRADIENT,

@@ -10,13 +10,13 @@ from typing import Any
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.names import check_name, suggestion
 from merap.concerns.schema import SystemSpec
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
 from merap.mapek.scenario_schema import CONCERNS, ChangeSpec, LiveSpec, ScenarioSpec
 from merap.masking import masked_data
+from merap.program.names import check_name, suggestion
 
 
 @dataclass(frozen=True, order=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from merap.concerns.expressions import Constant, Expression, Operation, Variable, fold
+from merap.program.expressions import Constant, Expression, Operation, Variable, fold
 
 _DISTRIBUTED = frozenset({"+", "-", "*", "neg", "min", "max"})
 _OF_EQUALS = {"=": True, "<=": True, ">=": True, "!=": False, "<": False, ">": False}

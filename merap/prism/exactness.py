@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from merap.concerns.expressions import Constant, Expression, Levels, Operation, Variable
+from merap.program.expressions import Constant, Expression, Levels, Operation, Variable
 
 MAX_INTEGER = 2**31 - 1  # of PRISM-games
 # Sums and products of decimals up to here are wrong by less than 1e-11.

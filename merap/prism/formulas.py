@@ -9,7 +9,16 @@ from fractions import Fraction
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.concerns.expressions import (
+from merap.concerns.space import Attribute
+from merap.mdp.model import Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.prism.engine_form import engine_form, is_table
+from merap.prism.exactness import COMPARISONS, is_computed_right, is_decided_right, is_truth
+from merap.prism.lines import Formula
+from merap.prism.location_text import cases, predicate
+from merap.prism.tables import table_of
+from merap.prism.terms import bare
+from merap.program.expressions import (
     Constant,
     Expression,
     Levels,
@@ -20,15 +29,6 @@ from merap.concerns.expressions import (
     render,
     render_constant,
 )
-from merap.concerns.space import Attribute
-from merap.mdp.model import Ints
-from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.prism.engine_form import engine_form, is_table
-from merap.prism.exactness import COMPARISONS, is_computed_right, is_decided_right, is_truth
-from merap.prism.lines import Formula
-from merap.prism.location_text import cases, predicate
-from merap.prism.tables import table_of
-from merap.prism.terms import bare
 
 TABLE = "="  # begins the variables that stand for a table; no name of a user does
 MAX_COMMENT = 100

@@ -112,7 +112,7 @@ def _render(combination: Combination, starts: Bools, *, with_objective: bool) ->
 
 def _lines(template: str, **content: object) -> str:
     """A template filled in, long lines broken."""
-    rendered = _environment().get_template(template).render(content)
+    rendered = environment().get_template(template).render(content)
     return "\n".join(_wrapped(line) for line in rendered.rstrip("\n").split("\n")) + "\n"
 
 
@@ -153,7 +153,8 @@ def _initial(writer: StepWriter, starts: Bools) -> str:
 
 
 @lru_cache(maxsize=1)
-def _environment() -> jinja2.Environment:
+def environment() -> jinja2.Environment:
+    """Return the templates, loaded once."""
     sources = {
         entry.name: entry.read_text(encoding="utf-8")
         for entry in files("prism_templates").iterdir()

@@ -8,15 +8,15 @@ from fractions import Fraction
 import numpy as np
 
 from merap.concerns.combination import Combination, Condition, ExternalAction, InnateAction
-from merap.concerns.expressions import (
-    Constant,
-    render_constant,
-)
 from merap.mdp.model import Bools
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.formulas import Formulas
 from merap.prism.location_text import predicate
 from merap.prism.terms import alternatives, condition_of, conjunction
+from merap.program.expressions import (
+    Constant,
+    render_constant,
+)
 
 
 @dataclass(frozen=True)

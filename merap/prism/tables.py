@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.concerns.expressions import Constant, Expression, Value, render_constant, tabulate, variables
 from merap.concerns.steps import scope_of
 from merap.mdp.model import Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.location_text import cases, predicate
 from merap.prism.terms import alternatives, bare
+from merap.program.expressions import Constant, Expression, Value, render_constant, tabulate, variables
 
 
 def table_of(

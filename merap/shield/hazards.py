@@ -21,11 +21,11 @@ from dataclasses import replace
 import numpy as np
 
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.expression_tree import variables
 from merap.concerns.space import Attribute, Detector
 from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
+from merap.program.expressions.tree import variables
 
 
 class Hazards:

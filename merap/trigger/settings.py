@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from merap.concerns.names import suggestion
 from merap.concerns.schema_base import Spec, shown, wrong
+from merap.program.names import suggestion
 
 KINDS = ("change", "window", "none")
 

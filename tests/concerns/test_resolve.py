@@ -10,9 +10,9 @@ import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import ExternalAction
-from merap.concerns.expressions import Constant, evaluate, render
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
+from merap.program.expressions import Constant, evaluate, render
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 
 

@@ -11,8 +11,8 @@ import pytest
 from pydantic import BaseModel
 
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.expressions import parse
 from merap.concerns.synthesis import synthesise
+from merap.program.expressions import parse
 from tests.support.case_examples import GRAPH, write_case
 from tests.support.paths import ROOT
 

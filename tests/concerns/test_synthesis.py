@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from merap.concerns.combination import Condition, ExternalAction, Outcome
-from merap.concerns.expressions import Constant
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.errors import InputError
 from merap.mdp.comparison import compare
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.planning import optimum
+from merap.program.expressions import Constant
 from tests.support.hand_made import (
     cells,
     graph_combination,

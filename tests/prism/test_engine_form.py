@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merap.concerns.expressions import evaluate, render
 from merap.prism.engine_form import engine_form, is_table
+from merap.program.expressions import evaluate, render
 from tests.support.hand_made import parsed
 
 SCOPE = {

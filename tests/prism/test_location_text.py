@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merap.concerns.expressions import evaluate, parse
 from merap.concerns.space import Space
 from merap.mdp.model import Ints
 from merap.prism import location_text
 from merap.prism.location_text import cases, predicate
+from merap.program.expressions import evaluate, parse
 from tests.support.hand_made import cells, graph_combination, grid_space
 
 GRID = grid_space((3, 4))

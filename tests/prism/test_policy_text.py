@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from merap.checker.storm import build_text
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.names import KEYWORDS
 from merap.concerns.synthesis import synthesise
 from merap.mdp.chain import induced_chain
 from merap.mdp.comparison import compare
@@ -21,6 +20,7 @@ from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import Floats, TabularMDP
 from merap.prism.policy_text import decimal_shares
 from merap.prism.rendering import render_policy
+from merap.program.names import KEYWORDS
 from tests.support.hand_made import graph_combination, grid_combination, parsed, with_objective
 from tests.support.random_combinations import random_combination
 

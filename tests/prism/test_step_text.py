@@ -14,10 +14,10 @@ from merap.concerns.combination import (
     Outcome,
     RewardRule,
 )
-from merap.concerns.expressions import Constant
 from merap.concerns.space import Attribute
 from merap.prism.lines import Formula
 from merap.prism.step_text import Branch, StepWriter
+from merap.program.expressions import Constant
 from tests.support.hand_made import (
     graph_combination,
     number,

@@ -20,9 +20,9 @@ from merap.concerns.combination import (
     Outcome,
     RewardRule,
 )
-from merap.concerns.expressions import Constant, Expression, fold, parse
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Ints
+from merap.program.expressions import Constant, Expression, fold, parse
 
 SIZE = 9
 SHIFTS = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}

@@ -24,9 +24,9 @@ from merap.concerns.combination import (
     Outcome,
     RewardRule,
 )
-from merap.concerns.expressions import Expression
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Floats
+from merap.program.expressions import Expression
 from tests.support.hand_made import grid_space, number, parsed
 
 Generator = np.random.Generator

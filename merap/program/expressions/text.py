@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from merap.concerns.expression_tree import Constant, Expression, Operation, Value, Variable
+from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable
 
 MAX_INTEGER = 2**31 - 1  # of PRISM-games; Storm reads 63 bits
 

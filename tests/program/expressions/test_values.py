@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from merap.checker.building import build_combination
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
-from merap.concerns.expressions import Column, evaluate, parse, tabulate
 from merap.concerns.synthesis import synthesise
 from merap.mdp.model import TabularMDP
+from merap.program.expressions import Column, evaluate, parse, tabulate
 from tests.support.exact_expressions import Sample, numbers, truths
 from tests.support.mdp_lookup import reward, step
 

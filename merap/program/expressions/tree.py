@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
@@ -46,6 +46,16 @@ def variables(expression: Expression) -> Iterator[Variable]:
     elif isinstance(expression, Operation):
         for argument in expression.arguments:
             yield from variables(argument)
+
+
+def substitute(expression: Expression, values: Mapping[str, Expression]) -> Expression:
+    """Return the expression with other expressions in place of some variables."""
+    if isinstance(expression, Variable):
+        return values.get(expression.name, expression)
+    if isinstance(expression, Constant) or not values:
+        return expression
+    arguments = tuple(substitute(argument, values) for argument in expression.arguments)
+    return Operation(expression.operator, arguments)
 
 
 def exact(number: float) -> Fraction:

@@ -1,9 +1,4 @@
-"""Expressions in PRISM's syntax: parse, check, fold, evaluate, render.
-
-Variables are attributes (`light`), the mode (`mode`), and the same of the successor with a
-prime (`light'`, `mode'`). Parameters and names of modes are constants that `fold` puts in.
-Numbers are exact fractions.
-"""
+"""Parse expressions in PRISM's syntax, and check their types."""
 
 from __future__ import annotations
 
@@ -13,44 +8,12 @@ from fractions import Fraction
 from lark import Token, Transformer, UnexpectedInput, UnexpectedToken, v_args
 from lark.exceptions import VisitError
 
-from merap.concerns.expression_folding import fold
-from merap.concerns.expression_grammar import ARITIES, parser
-from merap.concerns.expression_operators import bounded
-from merap.concerns.expression_text import render, render_constant
-from merap.concerns.expression_tree import (
-    Constant,
-    Expression,
-    Kind,
-    Operation,
-    Value,
-    Variable,
-    exact,
-    variables,
-)
-from merap.concerns.expression_values import Column, Levels, Scope, evaluate, tabulate
-from merap.concerns.names import suggestion
 from merap.errors import InputError
-
-__all__ = [
-    "Column",
-    "Constant",
-    "Expression",
-    "Kind",
-    "Levels",
-    "Operation",
-    "Scope",
-    "Value",
-    "Variable",
-    "check",
-    "evaluate",
-    "exact",
-    "fold",
-    "parse",
-    "render",
-    "render_constant",
-    "tabulate",
-    "variables",
-]
+from merap.program.expressions.grammar import ARITIES, parser
+from merap.program.expressions.operators import bounded
+from merap.program.expressions.text import render
+from merap.program.expressions.tree import Constant, Expression, Kind, Operation, Variable
+from merap.program.names import suggestion
 
 MAX_LENGTH = 10_000
 MAX_DEPTH = 100

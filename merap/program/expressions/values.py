@@ -19,13 +19,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from merap.concerns.expression_arrays import FUNCTIONS, Numbers, Truths, choose, numbers
-from merap.concerns.expression_folding import fold
-from merap.concerns.expression_operators import NEAREST
-from merap.concerns.expression_tree import Constant, Expression, Operation, Value, Variable, exact, variables
 from merap.errors import InputError
-from merap.mdp.model import Ints
+from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions.arrays import FUNCTIONS, LARGEST, Numbers, Truths, choose, numbers
+from merap.program.expressions.folding import fold
+from merap.program.expressions.operators import NEAREST
+from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, exact, variables
 
 # Integers up to here are doubles, so that their quotient is the double nearest to the fraction.
 EXACT_DOUBLES = 2**53
@@ -140,12 +140,51 @@ def tabulate(expression: Expression, scope: Scope) -> tuple[list[Value | None], 
     return values, table.inverse.reshape(table.shape)
 
 
+def evaluate_where_defined(expression: Expression, scope: Scope) -> tuple[npt.NDArray[Any], Bools]:
+    """Evaluate over columns that broadcast.
+
+    Returns:
+        The values as `evaluate` gives them, and where they are defined; elsewhere they mean nothing.
+    """
+    table = _Table(expression, scope)
+    results, defined = table.rounded(), np.ones(table.count, dtype=np.bool_)
+    for row in table.left_over:
+        try:
+            value = table.fold(row)
+        except InputError:
+            defined[row] = False
+        else:
+            results[row] = value if isinstance(value, bool) else float(value)
+    shape, inverse = table.shape, table.inverse
+    return results[inverse].reshape(shape), defined[inverse].reshape(shape)
+
+
+def evaluate_whole(expression: Expression, scope: Scope) -> tuple[Ints, Bools]:
+    """Evaluate to whole numbers over columns that broadcast; false counts as 0, true as 1.
+
+    Returns:
+        int64 values, and where they are defined, whole and within 64 bits; elsewhere they mean nothing.
+    """
+    table = _Table(expression, scope)
+    results, fits = table.whole()
+    for row in table.left_over:
+        try:
+            value = Fraction(table.fold(row))
+        except InputError:
+            continue
+        fits[row] = value.denominator == 1 and abs(value) < LARGEST
+        results[row] = int(value) if fits[row] else 0
+    shape, inverse = table.shape, table.inverse
+    return results[inverse].reshape(shape), fits[inverse].reshape(shape)
+
+
 class _Table:
     """The value of an expression for each distinct combination of what it reads.
 
     Attributes:
         shape: of the columns, broadcast.
         inverse: int64 [B], which combination a step has.
+        count: M.
         left_over: indices of combinations for which arrays do not give the value.
     """
 
@@ -162,9 +201,9 @@ class _Table:
             name: (column.levels, codes[rows])
             for name, column, codes in zip(names, columns, spread, strict=True)
         }
-        self._count = len(rows)
+        self.count = len(rows)
         self._small = _compute(expression, self._read, big=False)
-        self._unfit = np.flatnonzero(~np.broadcast_to(self._small.known, self._count))
+        self._unfit = np.flatnonzero(~np.broadcast_to(self._small.known, self.count))
         self._big, self.left_over = self._small, self._unfit.tolist()
         if len(self._unfit):
             again = {name: (levels, codes[self._unfit]) for name, (levels, codes) in self._read.items()}
@@ -173,14 +212,21 @@ class _Table:
 
     def rounded(self) -> npt.NDArray[Any]:
         """[M], bool or the nearest float64; what stands in `left_over` means nothing."""
-        results = np.array(np.broadcast_to(_rounded(self._small), self._count))
+        results = np.array(np.broadcast_to(_rounded(self._small), self.count))
         if len(self._unfit):
             results[self._unfit] = _rounded(self._big)
         return results
 
+    def whole(self) -> tuple[Ints, Bools]:
+        """int64 [M], and bool [M], which are whole and known."""
+        results, fits = _whole(self._small, self.count)
+        if len(self._unfit):
+            results[self._unfit], fits[self._unfit] = _whole(self._big, len(self._unfit))
+        return results, fits
+
     def exact(self) -> list[Value]:
         """The M values; what stands in `left_over` means nothing."""
-        values = _exact(self._small, self._count)
+        values = _exact(self._small, self.count)
         if len(self._unfit):
             for row, value in zip(self._unfit.tolist(), _exact(self._big, len(self._unfit)), strict=True):
                 values[row] = value
@@ -209,6 +255,15 @@ def _rounded(operand: Numbers | Truths) -> npt.NDArray[Any]:
     if num.dtype == np.int64 and np.any((np.abs(num) > EXACT_DOUBLES) | (den > EXACT_DOUBLES)):
         num, den = num.astype(object), den.astype(object)
     return np.asarray(num / den, dtype=np.float64)
+
+
+def _whole(operand: Numbers | Truths, count: int) -> tuple[Ints, Bools]:
+    if isinstance(operand, Truths):
+        parts = operand.value.astype(np.int64), operand.known
+    else:
+        fits = operand.known & (operand.den == 1) & (np.abs(operand.num) < LARGEST)
+        parts = np.where(fits, operand.num, 0).astype(np.int64), fits.astype(np.bool_)
+    return np.array(np.broadcast_to(parts[0], count)), np.array(np.broadcast_to(parts[1], count))
 
 
 def _exact(operand: Numbers | Truths, count: int) -> list[Value]:

@@ -16,9 +16,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from merap.concerns.expression_operators import MAX_BITS, MAX_EXPONENT
 from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions.operators import MAX_BITS, MAX_EXPONENT
 
 LARGEST = 2**62
 

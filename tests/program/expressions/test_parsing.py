@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merap.concerns.expressions import (
+from merap.errors import InputError
+from merap.program.expressions import (
     Constant,
     Expression,
     Kind,
@@ -23,7 +24,6 @@ from merap.concerns.expressions import (
     render,
     variables,
 )
-from merap.errors import InputError
 
 KINDS: dict[str, Kind] = {"x": "number", "z": "number", "y": "bool"}
 # Every combination of the three variables' values: 4 * 2 * 3 rows.

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.names import KEYWORDS, RESERVED, RESERVED_PREFIXES, check_emitted_name
 from merap.errors import InputError
 from merap.prism.rendering import render
+from merap.program.names import KEYWORDS, RESERVED, RESERVED_PREFIXES, check_emitted_name
 from tests.support.case_examples import GRAPH, write_case
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from merap.concerns.expression_operators import EXACT, bounded
-from merap.concerns.expression_tree import Constant, Expression, Operation, Value, Variable
+from merap.program.expressions.operators import EXACT, bounded
+from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable
 
 
 def fold(

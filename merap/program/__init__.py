@@ -1,0 +1,1 @@
+"""The form of every world: variables, processes, commands; explored without a model checker."""

@@ -1,0 +1,153 @@
+"""Turn an exploration into an MDP: names of actions, labels, rewards.
+
+Axes: N states, B branches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from merap.errors import ModelError
+from merap.mdp.assembly import Branches as ActionBranches
+from merap.mdp.assembly import assemble
+from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.program.exploration import Exploration, joined
+from merap.program.expressions import Expression, Scope, evaluate_where_defined
+from merap.program.form import Program
+from merap.program.states import States, Stepped
+from merap.program.steps import Branches, Choice
+
+
+def ambiguous_actions(exploration: Exploration) -> frozenset[str]:
+    """Return the actions for which some state has more than one choice of commands."""
+    branches, choices = exploration.branches, exploration.choices
+    names = tuple(dict.fromkeys(choice.action for choice in choices if choice.labelled))
+    place = {name: number for number, name in enumerate(names)}
+    action = np.array([place[choice.action] if choice.labelled else -1 for choice in choices], dtype=np.int64)
+    labelled = action[branches.choice] >= 0
+    source = np.searchsorted(exploration.codes, branches.source[labelled])
+    once = np.unique(source * len(choices) + branches.choice[labelled])
+    state, choice = np.divmod(once, max(len(choices), 1))
+    _, first, count = np.unique(state * len(names) + action[choice], return_index=True, return_counts=True)
+    return frozenset(names[action[choice[index]]] for index in first[count > 1])
+
+
+def tabular(
+    program: Program,
+    exploration: Exploration,
+    *,
+    reward: str | None = None,
+    ambiguous: Collection[str] | None = None,
+    deadlock: str | None = None,
+) -> TabularMDP:
+    """Return the MDP of a program.
+
+    The name of an action is kept, except for one that is ambiguous: it becomes `action#i.j`, by the
+    positions of the commands; a command without an action is `process#i`.
+
+    Args:
+        program: that was explored.
+        exploration: of it.
+        reward: the reward structure to take; None: no rewards.
+        ambiguous: actions with more than one choice of commands in a state of some member of the
+            family; None: in a state of this one.
+        deadlock: the action of a self-loop in states without a choice; None: such a state is refused.
+
+    Raises:
+        ModelError: a state has no choice; a label or reward is undefined; there is no such structure.
+    """
+    if reward is not None and reward not in program.rewards:
+        known = ", ".join(sorted(program.rewards)) or "none"
+        raise ModelError(f"{program.name}: there is no reward structure {reward!r}; there are: {known}")
+    doubled = ambiguous_actions(exploration) if ambiguous is None else ambiguous
+    whole = _without_deadlocks(program, exploration, deadlock)
+    names = [_name(choice, doubled) for choice in whole.choices]
+    action_names = tuple(dict.fromkeys(names))
+    place = {name: number for number, name in enumerate(action_names)}
+    branches, codes = whole.branches, whole.codes
+    return assemble(
+        ActionBranches(
+            state=np.searchsorted(codes, branches.source),
+            action=np.array([place[name] for name in names], dtype=np.int64)[branches.choice],
+            target=np.searchsorted(codes, branches.target),
+            prob=branches.prob,
+            reward=np.zeros(len(branches.prob)) if reward is None else _rewards(program, reward, whole),
+        ),
+        initial=whole.initial,
+        labels=_labels(program, whole),
+        valuations=whole.encoding.valuations(codes),
+        variable_names=tuple(variable.name for variable in program.variables),
+        action_names=action_names,
+    )
+
+
+def _without_deadlocks(program: Program, exploration: Exploration, action: str | None) -> Exploration:
+    """Give the states without a choice a self-loop; its steps earn the rewards of every step."""
+    stuck = np.setdiff1d(exploration.codes, exploration.branches.source)
+    if not len(stuck):
+        return exploration
+    if action is None:
+        state = exploration.encoding.describe(int(stuck[0]))
+        raise ModelError(f"{program.name}: no command is enabled in state {state}")
+    number = np.full(len(stuck), len(exploration.choices))
+    loops = Branches(stuck, number, stuck, np.ones(len(stuck)))
+    return replace(
+        exploration,
+        branches=joined([exploration.branches, loops]),
+        choices=(*exploration.choices, Choice(action, True, ())),
+    )
+
+
+def _name(choice: Choice, ambiguous: Collection[str]) -> str:
+    return choice.action if choice.labelled and choice.action not in ambiguous else choice.name
+
+
+def _labels(program: Program, exploration: Exploration) -> dict[str, Bools]:
+    states = States(exploration.encoding, exploration.codes)
+    return {
+        name: _defined(program, where, states, exploration.codes, exploration, f'the label "{name}"').astype(
+            np.bool_
+        )
+        for name, where in program.labels.items()
+    }
+
+
+def _rewards(program: Program, name: str, exploration: Exploration) -> Floats:
+    """float64 [B], what each branch earns."""
+    structure = program.rewards[name]
+    branches = exploration.branches
+    names = [choice.action if choice.labelled else None for choice in exploration.choices]
+    earned, open_ = np.zeros(len(branches.prob)), np.ones(len(branches.prob), dtype=np.bool_)
+    for rule in structure.rules:
+        known = np.array([not rule.actions or name in rule.actions for name in names], dtype=np.bool_)
+        rows = np.flatnonzero(open_ & known[branches.choice])
+        scope, source = _steps(exploration, rows), branches.source[rows]
+        holds = _defined(program, rule.guard, scope, source, exploration, "the guard of a reward")
+        rows = rows[holds.astype(np.bool_)]
+        scope, source = _steps(exploration, rows), branches.source[rows]
+        earned[rows] += _defined(program, rule.value, scope, source, exploration, "a reward")
+        if structure.first_match:
+            open_[rows] = False
+    return earned
+
+
+def _steps(exploration: Exploration, rows: Ints) -> Stepped:
+    branches, encoding = exploration.branches, exploration.encoding
+    after = States(encoding, branches.target[rows])
+    return Stepped(States(encoding, branches.source[rows]), after)
+
+
+def _defined(
+    program: Program, expression: Expression, scope: Scope, codes: Ints, exploration: Exploration, what: str
+) -> npt.NDArray[np.float64] | Bools:
+    values, defined = (
+        np.broadcast_to(part, codes.shape) for part in evaluate_where_defined(expression, scope)
+    )
+    if not defined.all():
+        state = exploration.encoding.describe(int(codes[~defined][0]))
+        raise ModelError(f"{program.name}: {what} is undefined in state {state}")
+    return values

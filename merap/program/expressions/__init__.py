@@ -1,0 +1,53 @@
+"""Expressions in PRISM's syntax: parse, check, fold, evaluate, render.
+
+Variables are those of the state and, with a prime, of the successor (`light'`); constants are put in by
+`fold`. Numbers are exact fractions.
+"""
+
+from merap.program.expressions.folding import fold
+from merap.program.expressions.parsing import check, parse
+from merap.program.expressions.text import render, render_constant
+from merap.program.expressions.tree import (
+    Constant,
+    Expression,
+    Kind,
+    Operation,
+    Value,
+    Variable,
+    exact,
+    substitute,
+    variables,
+)
+from merap.program.expressions.values import (
+    Column,
+    Levels,
+    Scope,
+    evaluate,
+    evaluate_where_defined,
+    evaluate_whole,
+    tabulate,
+)
+
+__all__ = [
+    "Column",
+    "Constant",
+    "Expression",
+    "Kind",
+    "Levels",
+    "Operation",
+    "Scope",
+    "Value",
+    "Variable",
+    "check",
+    "evaluate",
+    "evaluate_where_defined",
+    "evaluate_whole",
+    "exact",
+    "fold",
+    "parse",
+    "render",
+    "render_constant",
+    "substitute",
+    "tabulate",
+    "variables",
+]

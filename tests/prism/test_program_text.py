@@ -1,0 +1,55 @@
+"""Programs as PRISM text that Storm builds, against their exploration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from merap.errors import InputError, ModelError
+from merap.prism.program_text import render_program
+from merap.program.arrays import ambiguous_actions, tabular
+from merap.program.exploration import explore
+from merap.program.form import Program
+from tests.support.explored import choices_of
+from tests.support.programs import ONE_COIN, programs
+from tests.support.storm_choices import build, choices_of_storm
+
+
+def built(folder: Path, text: str) -> Any:
+    path = folder / "model.prism"
+    path.write_text(text, encoding="utf-8")
+    return build(path, {})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("text")
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(program=programs())
+def test_storm_builds_of_the_text_what_is_explored(program: Program, folder: Path) -> None:
+    try:
+        found = explore(program)
+        text = render_program(program)
+    except (InputError, ModelError):
+        return  # a fault, which others test, or too many cases for a table
+    assert choices_of_storm(program, built(folder, text)) == choices_of(program, found)
+
+
+def test_a_decision_on_decimals_is_one_on_whole_numbers(folder: Path) -> None:
+    text = render_program(ONE_COIN)
+    assert 'label "goal" = x <= 3 & x > 2;' in text
+    model = built(folder, text)
+    assert len(list(model.labeling.get_states("goal"))) == 1
+
+
+def test_the_arrays_have_names_labels_and_rewards() -> None:
+    mdp = tabular(ONE_COIN, explore(ONE_COIN), reward="steps")
+    assert mdp.action_names == ("toss", "rest")
+    assert mdp.labels["goal"].tolist() == [False, False, False, True]
+    assert mdp.choice_reward.tolist() == [1, 1, 1, 0]
+    assert ambiguous_actions(explore(ONE_COIN)) == frozenset()

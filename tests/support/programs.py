@@ -1,0 +1,163 @@
+"""Programs for tests: small ones by hand, and random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+
+from hypothesis import strategies as st
+
+from merap.program.expressions import Constant, Expression, Operation, Variable, parse
+from merap.program.form import (
+    TRUE,
+    Command,
+    Draw,
+    Outcome,
+    Process,
+    Program,
+    RewardRule,
+    RewardStructure,
+    Start,
+    boolean,
+    integer,
+)
+
+
+def outcome(probability: str, **assignments: str) -> Outcome:
+    return Outcome(parse(probability), {name: parse(value) for name, value in assignments.items()})
+
+
+def command(action: str | None, guard: str, *draws: Sequence[Outcome]) -> Command:
+    place = f"[{action or ''}] {guard}"
+    return Command(action, parse(guard), tuple(tuple(draw) for draw in draws), place)
+
+
+def start(**values: str) -> tuple[Start, ...]:
+    return (Start(Constant(Fraction(1)), {name: parse(value) for name, value in values.items()}),)
+
+
+# --- random programs ---
+
+DECIMALS = [Fraction(1, 10), Fraction(3, 10), Fraction(1, 3), Fraction(9, 10), Fraction(1, 2), Fraction(2)]
+Domains = dict[str, tuple[int, int] | None]
+VARIABLES: dict[str, Domains] = {"p": {"x": (-1, 3), "b": None}, "q": {"y": (0, 4), "z": (2, 3)}}
+
+
+def _numbers(names: Sequence[str], depth: int) -> st.SearchStrategy[Expression]:
+    leaf = st.sampled_from(
+        [*(Constant(value) for value in DECIMALS), *(Constant(Fraction(n)) for n in range(-1, 4))]
+        + [Variable(name, 0) for name in names] * 2
+    )
+    if depth == 0:
+        return leaf
+    inner = _numbers(names, depth - 1)
+    two = st.tuples(inner, inner)
+    return st.one_of(
+        leaf,
+        st.builds(Operation, st.sampled_from(["+", "-", "*", "min", "max", "mod", "/"]), two),
+        st.builds(lambda one: Operation("neg", (one,)), inner),
+        st.builds(lambda one: Operation("floor", (one,)), inner),
+    )
+
+
+def _truths(numbers: Sequence[str], truths: Sequence[str], depth: int) -> st.SearchStrategy[Expression]:
+    number = _numbers(numbers, 2)
+    leaf = st.builds(
+        Operation, st.sampled_from(["<", "<=", "=", "!=", ">", ">="]), st.tuples(number, number)
+    ) | st.sampled_from([Variable(name, 0) for name in truths])
+    if depth == 0:
+        return leaf
+    inner = _truths(numbers, truths, depth - 1)
+    return st.one_of(
+        leaf,
+        st.builds(Operation, st.sampled_from(["&", "|", "=>"]), st.tuples(inner, inner)),
+        st.builds(lambda one: Operation("!", (one,)), inner),
+    )
+
+
+NUMBERS, TRUTHS = ["x", "y", "z"], ["b"]
+
+
+@st.composite
+def _draws(draw: st.DrawFn, own: Mapping[str, tuple[int, int] | None]) -> Draw:
+    """Outcomes with a probability that depends on the state, and assignments that stay in their range."""
+    condition = draw(_truths(NUMBERS, TRUTHS, 0))
+    parts = draw(st.sampled_from([(1,), (1, 1), (1, 9), (1, 2, 7)]))
+    outcomes: list[Outcome] = []
+    for place, part in enumerate(parts):
+        chance: Expression = Constant(Fraction(part, sum(parts)))
+        if len(parts) == 2:  # p and 1 - p, where p may be 0 or 1
+            weight = Operation("?:", (condition, Constant(Fraction(1)), chance))
+            chance = (
+                weight if place == 0 else Operation("-", (Constant(Fraction(1)), outcomes[0].probability))
+            )
+        assignments: dict[str, Expression] = {}
+        for name, domain in own.items():
+            if draw(st.booleans()):
+                assignments[name] = draw(_assigned(domain))
+        outcomes.append(Outcome(chance, assignments))
+    return tuple(outcomes)
+
+
+@st.composite
+def _assigned(draw: st.DrawFn, domain: tuple[int, int] | None) -> Expression:
+    if domain is None:
+        return draw(_truths(NUMBERS, TRUTHS, 1))
+    low, high = (Constant(Fraction(value)) for value in domain)
+    value = Operation("floor", (draw(_numbers(NUMBERS, 1)),))
+    if draw(st.integers(0, 9)) == 0:  # it may leave its range
+        return value
+    return Operation("max", (low, Operation("min", (high, value))))
+
+
+@st.composite
+def programs(draw: st.DrawFn) -> Program:
+    """Two processes that read each other, with shared actions and steps of their own."""
+    processes = []
+    for name, own in VARIABLES.items():
+        commands = []
+        for _ in range(draw(st.integers(1, 3))):
+            action = draw(st.sampled_from(["a", "b_", None]))
+            guard = draw(_truths(NUMBERS, TRUTHS, 1))
+            draws = tuple(draw(st.lists(_draws(own), min_size=1, max_size=2)))
+            commands.append(Command(action, guard, draws, f"[{action or ''}] in {name}"))
+        variables = tuple(
+            boolean(one) if domain is None else integer(one, *domain) for one, domain in own.items()
+        )
+        values = {
+            one: Constant(draw(st.booleans()))
+            if domain is None
+            else Constant(Fraction(draw(st.integers(*domain))))
+            for one, domain in own.items()
+        }
+        starts = (Start(Constant(Fraction(1)), values),)
+        processes.append(Process(name, "environment", variables, tuple(commands), starts))
+    label = draw(_truths(NUMBERS, TRUTHS, 1))
+    rules = tuple(
+        RewardRule(
+            draw(_numbers(NUMBERS, 1)),
+            draw(_truths(NUMBERS, TRUTHS, 0)),
+            draw(st.sampled_from([frozenset({"a"}), frozenset[str | None]()])),
+        )
+        for _ in range(draw(st.integers(0, 2)))
+    )
+    return Program("random", tuple(processes), {"goal": label}, {"r": RewardStructure(rules)})
+
+
+ONE_COIN = Program(
+    "coin",
+    (
+        Process(
+            "coin",
+            "environment",
+            (integer("x", 0, 3),),
+            (
+                command("toss", "x < 3", [outcome("0.1", x="x + 1"), outcome("0.9")]),
+                command("rest", "x = 3", [outcome("1")]),
+            ),
+            start(x="0"),
+        ),
+    ),
+    {"goal": parse("0.1 * x <= 0.3 & x > 2")},
+    {"steps": RewardStructure((RewardRule(parse("1"), TRUE, frozenset({"toss"})),))},
+)
