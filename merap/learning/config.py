@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from merap.concerns.document import key_text
+from merap.concerns.names import suggestion
+from merap.concerns.validation import message
+from merap.errors import InputError
 from merap.learning.core.network import Activation
 from merap.learning.core.surrogate import Baseline
 
@@ -30,6 +34,26 @@ class TrainingConfig(BaseModel):
     """What `train` does; the defaults are those of the documentation and of every figure in it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __init__(self, **settings: Any) -> None:
+        """Check settings.
+
+        Raises:
+            InputError: one is unknown, or has a value that is not allowed.
+        """
+        try:
+            super().__init__(**settings)
+        except ValidationError as error:
+            raise _refusal(error) from error
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """Yield the settings that are not the defaults of their estimator."""
+        defaults = type(self)(estimator=self.estimator)
+        for name, value in self:
+            if value != (
+                type(self).model_fields[name].default if name == "estimator" else getattr(defaults, name)
+            ):
+                yield name, value
 
     estimator: Estimator = Field(
         default="exact",
@@ -125,3 +149,12 @@ class TrainingConfig(BaseModel):
         if isinstance(settings, Mapping) and settings.get("estimator") == "sampled":
             return {**SAMPLED_DEFAULTS, **settings}
         return settings
+
+
+def _refusal(error: ValidationError) -> InputError:
+    """Return pydantic's first complaint in plain words."""
+    details = error.errors(include_url=False)[0]
+    key = key_text(details["loc"])
+    if details["type"] == "extra_forbidden":
+        return InputError(f"unknown setting{suggestion(key, TrainingConfig.model_fields)}", key=key)
+    return InputError(message(details), key=key)
