@@ -48,7 +48,7 @@ def main() -> None:
 
     covered = case.combination("b_blocked.speed_high.g3")
     print(f"4. Met online, covered by a model: {covered.name}. Gradient steps from the meta policy:")
-    _table(merap.adapt(run, covered, steps=5, seeds=SEEDS))
+    _table(merap.adapt(run, covered, strategy="gradient", steps=5, seeds=SEEDS))
 
     system = case.system("met")
     print("5. Met online, not covered: location A is blocked, which no model foresaw; the goal is G3.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -36,6 +37,17 @@ def as_text(value: str, argument: str) -> str:
     if not isinstance(value, str):
         raise InputError(f"expected a name, got {shown(value)}", source=argument)
     return value
+
+
+def as_number(value: float, argument: str) -> float:
+    """Return a real number, of Python's or NumPy's types.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"expected a number, got {shown(value)}", source=argument)
+    return float(value)
 
 
 def as_instance(value: Instance, kind: type[Instance], argument: str) -> Instance:

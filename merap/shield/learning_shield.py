@@ -13,6 +13,7 @@ import numpy as np
 
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
+from merap.concerns.arguments import as_number
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.shield.credible_tracker import CredibleTracker
@@ -39,7 +40,7 @@ class ShieldSettings:
     hazard_prior: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.threshold <= 1:
+        if not 0 <= as_number(self.threshold, "shield") <= 1:
             raise InputError(f"the threshold of a shield must be in [0, 1], it is {self.threshold}")
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from merap.concerns.arguments import as_number
 from merap.concerns.combination import Combination, ResetMode
 from merap.families.build import model_of
 from merap.learning.run_folder import RunFolder
@@ -29,11 +30,18 @@ class Conditions:
         reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
         slip: probability that an action does nothing; policies are scored with it.
         reset: how an episode after the first begins; None: as the case says of the system.
+
+    Raises:
+        InputError: a condition is no number.
     """
 
     reward_noise: float = 0.0
     slip: float = 0.0
     reset: ResetMode | None = None
+
+    def __post_init__(self) -> None:
+        as_number(self.reward_noise, "reward_noise")
+        as_number(self.slip, "slip")
 
 
 UNDISTURBED = Conditions()

@@ -21,7 +21,7 @@ from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
-from merap.strategies.protocol import executed
+from merap.strategies.evaluation import executed
 
 # Number of tasks that are looked at, spread evenly over the base.
 MOST_TASKS = 64
