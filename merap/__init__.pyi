@@ -15,7 +15,7 @@ from .mdp.model import TabularMDP as TabularMDP
 from .prism.rendering import render as render
 from .shield.learning_shield import ShieldSettings as ShieldSettings
 from .strategies.adaptation import adapt as adapt
-from .strategies.adaptation_problem import Conditions as Conditions
+from .strategies.problem import Conditions as Conditions
 
 __all__: list[str]
 __version__: str

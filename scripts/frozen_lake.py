@@ -18,7 +18,7 @@ from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.planning import optimum
 from merap.strategies.evaluation import evaluator
 from merap.strategies.gradient import GradientStrategy
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.systems.gymnasium import GymnasiumSystem
 
 EPISODES = 35
@@ -69,7 +69,7 @@ def curve(kind: Lakes, meta: MetaPolicy, seed: int, steps: int) -> list[float]:
     model = import_gymnasium(kind.env(seed))  # to keep the score; the strategy sees reset and step alone
     strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(seed))
     with GymnasiumSystem(kind.env(seed), seed=seed) as system:
-        rows = adaptation(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
+        rows = adaptation_rows(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
         return [row.expected_return for row in rows]
 
 

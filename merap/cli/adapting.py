@@ -85,7 +85,7 @@ def adapt(
     from merap.families.build import cut_off_warnings
     from merap.learning.run_folder import read_run
     from merap.strategies import adaptation
-    from merap.strategies.adaptation_problem import Conditions, adaptation_problem
+    from merap.strategies.problem import Conditions, adaptation_problem
     from merap.strategies.registry import ALL, PRETRAINED, parse_strategy
 
     require_free_report(json, force=force)

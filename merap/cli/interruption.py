@@ -16,6 +16,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from merap.masking import masked
+
 INTERRUPTED = 130
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Moves the cursor to the begin of a line that a progress bar may have left, clears it, shows the cursor.
@@ -47,7 +49,7 @@ def go_on_with(command: str, when: Callable[[], bool]) -> None:
 def interrupted_line() -> str:
     """Return the one line that an interrupted user reads."""
     if _way_on.exists():
-        return f"interrupted; go on with: {_way_on.command}"
+        return f"interrupted; go on with: {masked(_way_on.command)}"
     return "interrupted"
 
 

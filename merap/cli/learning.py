@@ -135,9 +135,9 @@ def _go_on_with(out: Path) -> None:
 
 def _show_result(run: RunFolder) -> None:
     """Say what the adapted policies are worth, and warn where that is little."""
-    from merap.strategies.training_result import training_result
+    from merap.strategies.training_result import evaluate_training
 
-    found = training_result(run)
+    found = evaluate_training(run)
     say(
         f"after {counted(run.config.inner_steps, 'gradient step')} of "
         f"{counted(run.config.episodes, 'episode')} the adapted policies return "

@@ -68,8 +68,7 @@ def run(
 ) -> None:
     """Control a system, simulated or real, that may change: monitor, analyse, plan, execute, learn."""
     from merap.knowledge.base import open_knowledge
-    from merap.knowledge.engine import default_url, read_url, url_of
-    from merap.knowledge.engine import place as place_of
+    from merap.knowledge.engine import default_url, url_of
     from merap.knowledge.event_log import FILE_NAME, JsonLines
     from merap.learning.run_folder import read_run
     from merap.mapek.run import run_loop
@@ -83,8 +82,7 @@ def run(
     url = default_url(run_folder) if db is None else url_of(db)
     lines = JsonLines(run_folder / FILE_NAME if log is None else log)
     begun = Event()
-    place = db and place_of(read_url(url))  # without its password
-    given = {"--db": place, "--log": log, "--manager": manager, "--out": out, "--json": json}
+    given = {"--db": db, "--log": log, "--manager": manager, "--out": out, "--json": json}
     words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
     again = ["merap", "run", str(run_folder), "--scenario", str(scenario), *words, "--resume"]
     go_on_with(shlex.join(again), when=begun.is_set)

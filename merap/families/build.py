@@ -20,14 +20,15 @@ from merap.mdp.comparison import compare
 from merap.mdp.graph import fewest_steps
 from merap.mdp.model import Bools, TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.short_repr import ShortRepr
 
 MAX_TASKS = 512
 MAX_PAIRS = 128
 COMPARED = 16
 
 
-@dataclass(frozen=True, eq=False)
-class ModelBase:
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelBase(ShortRepr):
     """The tasks to learn from (the paper's N_M), all on the canonical index of their case.
 
     Attributes:
@@ -51,9 +52,6 @@ class ModelBase:
     covered: int
     compared: int
     cut_off: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"ModelBase({self.case!r}, {len(self.names)} of {self.covered} combinations)"
 
 
 def build_base(

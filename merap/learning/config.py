@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from merap.concerns.document import key_text
-from merap.concerns.names import suggestion
 from merap.concerns.validation import message
 from merap.errors import InputError
 from merap.learning.core.network import Activation
 from merap.learning.core.surrogate import Baseline
+from merap.program.names import suggestion
 
 Estimator = Literal["exact", "sampled"]
 

@@ -37,6 +37,7 @@ from merap.mdp.canonical import canonicalise
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.short_repr import ShortRepr
 from merap.mdp.umb import read_umb, write_umb
 
 KIND = "merap training run"
@@ -48,8 +49,8 @@ MOST_NAMED = 5
 PACKAGES = ("merap", "torch", "stormpy", "numpy")
 
 
-@dataclass(frozen=True, eq=False)
-class RunFolder:
+@dataclass(frozen=True, eq=False, repr=False)
+class RunFolder(ShortRepr):
     """A training run on disk.
 
     Attributes:
@@ -65,9 +66,6 @@ class RunFolder:
     config: TrainingConfig
     names: tuple[str, ...]
     cut_off: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"RunFolder({str(self.path)!r}, case {self.case.name}, {len(self.names)} tasks)"
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -20,18 +20,19 @@ from merap.families.build import cut_off_warnings
 from merap.learning.run_folder import RunFolder, as_run
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.short_repr import ShortRepr
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Safety, total
-from merap.strategies.adaptation_problem import (
+from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
+from merap.strategies.problem import (
     UNDISTURBED,
     AdaptationProblem,
     Conditions,
     adaptation_problem,
 )
-from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.strategies.registry import ALL, BELIEF, PRETRAINED, parse_strategy
 from merap.systems.strategy import Strategy
 
@@ -39,8 +40,8 @@ OnStep = Callable[[], None]
 Reasons: TypeAlias = tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Adaptation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Adaptation(ShortRepr):
     """Several adaptations to one system, which differ in their seed.
 
     Attributes:
@@ -70,10 +71,6 @@ class Adaptation:
     model: TabularMDP = field(repr=False)
     safety: tuple[Safety, ...] = ()
     within_shield: SafeOptimum | None = None
-
-    def __repr__(self) -> str:
-        best = self.reachable.optimum
-        return f"Adaptation({self.strategy!r} on {self.system!r}, {len(self.runs)} runs, optimum {best:.6g})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the results as JSON has them."""
@@ -215,7 +212,7 @@ def _followed(
     truth = problem.truth
     before = executed(truth.model, strategy.policy())
     rows, reasons = [], []
-    for row in adaptation(counted, strategy, truth.value, max_episodes):
+    for row in adaptation_rows(counted, strategy, truth.value, max_episodes):
         rows.append(row)
         reasons.append(strategy.explain())
         if row.step:
@@ -225,8 +222,8 @@ def _followed(
     return run, before, executed(truth.model, strategy.policy()), safety, tuple(reasons)
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spread(ShortRepr):
     """The spread of the policies that are learned for one combination each, and not adapted.
 
     Attributes:
@@ -240,9 +237,6 @@ class Spread:
     best: Adaptation
     median: Adaptation
     worst: Adaptation
-
-    def __repr__(self) -> str:
-        return f"Spread({len(self.values)} policies on {self.best.system!r})"
 
     @property
     def shown(self) -> tuple[Adaptation, ...]:

@@ -21,6 +21,7 @@ from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
+from merap.mdp.short_repr import ShortRepr
 from merap.strategies.evaluation import executed
 
 # Number of tasks that are looked at, spread evenly over the base.
@@ -31,8 +32,8 @@ ENOUGH = 0.5
 NEVER = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainingResult(ShortRepr):
     """Exact undiscounted values on the tasks of a run, over its horizon.
 
     Attributes:
@@ -50,10 +51,6 @@ class TrainingResult:
     random: Floats
     ending: Floats
     endable: Floats
-
-    def __repr__(self) -> str:
-        adapted, best = self.adapted.mean(), self.optimum.mean()
-        return f"TrainingResult({len(self.names)} tasks, adapted {adapted:.4g}, optimum {best:.4g})"
 
     @property
     def far_from_optimum(self) -> bool:
@@ -73,7 +70,7 @@ class TrainingResult:
         return float((self.adapted.mean() - self.random.mean()) / possible) if possible > 0 else 1.0
 
 
-def training_result(run: RunFolder) -> TrainingResult:
+def evaluate_training(run: RunFolder) -> TrainingResult:
     """Adapt the policy of a finished run to its tasks, and evaluate it exactly.
 
     Of more than `MOST_TASKS` tasks, that many are looked at.

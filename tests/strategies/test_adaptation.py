@@ -18,7 +18,7 @@ from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
 from merap.strategies.adaptation import Adaptation, adapt, spread_of_pretrained
-from merap.strategies.adaptation_problem import Conditions, adaptation_problem
+from merap.strategies.problem import Conditions, adaptation_problem
 from merap.strategies.registry import BELIEF, GRADIENT
 from tests.support.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.support.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained

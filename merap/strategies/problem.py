@@ -13,6 +13,7 @@ from merap.concerns.arguments import as_number
 from merap.concerns.combination import Combination, ResetMode
 from merap.families.build import model_of
 from merap.learning.run_folder import RunFolder
+from merap.mdp.short_repr import ShortRepr
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Supervised
@@ -47,8 +48,8 @@ class Conditions:
 UNDISTURBED = Conditions()
 
 
-@dataclass(frozen=True, eq=False)
-class AdaptationProblem:
+@dataclass(frozen=True, eq=False, repr=False)
+class AdaptationProblem(ShortRepr):
     """A simulated system for any strategy to adapt to.
 
     Attributes:
