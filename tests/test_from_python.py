@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from merap.families import render_case
 from tests.support.paths import MODELS
 from tests.support.trained_runs import ONE_OF_THREE, SMALL, contents, what_was_learned
 
-SETTINGS = {"updates": 5, "hidden": [4], "episodes": 5}
+# Seen without types, as by a user who has no type checker.
+face: Any = import_module("merap")
+SETTINGS: dict[str, Any] = {"updates": 5, "hidden": [4], "episodes": 5}
 MEMBER = "open.no_entry_r3c4.middle"
 SCENARIO = "scenario: short\nsystem: met\nepisodes: 3\n"
 
@@ -52,7 +55,7 @@ def test_training_takes_paths_and_settings_in_any_form(made: Trained, tmp_path: 
             (made.case, {"updates": 9}, SETTINGS),
         ]
     ):
-        run = merap.train(case, str(tmp_path / str(number)), config, **more)
+        run = face.train(case, str(tmp_path / str(number)), config, **more)
         assert what_was_learned(run.path) == what_was_learned(made.run.path)
     later = merap.train(made.case, str(tmp_path / "later"), source=str(made.run.path), updates=1)
     assert later.config.hidden == (4,)  # the settings of the source hold where none are given
@@ -103,40 +106,40 @@ def test_other_functions_take_paths_too(made: Trained, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
-        (lambda made: merap.load_case(5), "case: expected a path, got 5"),
-        (lambda made: merap.load_case(None), "case: expected a path, got nothing"),
-        (lambda made: merap.read_run(5), "run: expected a path, got 5"),
-        (lambda made: merap.read_run("nowhere"), "nowhere: is not a run folder of merap"),
-        (lambda made: merap.read_scenario(5), "scenario: expected a path, got 5"),
-        (lambda made: merap.train(5, "run"), "case: expected a case or the path of one, got 5"),
-        (lambda made: merap.train(made.case, None), "path: expected a path, got nothing"),
-        (lambda made: merap.train(made.case, "run", 5), "config: expected a mapping of names to value"),
-        (lambda made: merap.train(made.case, "run", {1: 2}), "config: expected a mapping of names to values"),
-        (lambda made: merap.train(made.case, "run", {"foo": 1}), "foo: unknown setting"),
-        (lambda made: merap.train(made.case, "run", udpates=1), "udpates: unknown setting; did you mean"),
-        (lambda made: merap.train(made.case, "run", source=5), "run: expected a path, got 5"),
-        (lambda made: merap.resume(made.run.path, updates="x"), "updates: expected a whole number, got 'x'"),
-        (lambda made: merap.TrainingConfig(foo=1), "foo: unknown setting; known: "),
-        (lambda made: merap.TrainingConfig(updates="x"), "updates: expected a whole number, got 'x'"),
-        (lambda made: merap.TrainingConfig(hidden=5), "hidden: expected a list, got 5"),
-        (lambda made: merap.TrainingConfig(step_size=float("nan")), "step_size: expected a"),
-        (lambda made: merap.build_base(made.case, max_tasks=0), "max_tasks: expected a whole number of"),
-        (lambda made: merap.build_base(made.case, seed=-1), "seed: expected a whole number of at least 0"),
-        (lambda made: merap.render(made.case), "combination: expected a combination"),
-        (lambda made: merap.render("met"), "combination: expected a combination"),
-        (lambda made: list(merap.verify(5)), "expected a case or combinations, got 5"),
-        (lambda made: list(merap.verify([MEMBER])), f"case.combination(NAME), got '{MEMBER}'"),
+        (lambda made: face.load_case(5), "case: expected a path, got 5"),
+        (lambda made: face.load_case(None), "case: expected a path, got nothing"),
+        (lambda made: face.read_run(5), "run: expected a path, got 5"),
+        (lambda made: face.read_run("nowhere"), "nowhere: is not a run folder of merap"),
+        (lambda made: face.read_scenario(5), "scenario: expected a path, got 5"),
+        (lambda made: face.train(5, "run"), "case: expected a case or the path of one, got 5"),
+        (lambda made: face.train(made.case, None), "path: expected a path, got nothing"),
+        (lambda made: face.train(made.case, "run", 5), "config: expected a mapping of names to value"),
+        (lambda made: face.train(made.case, "run", {1: 2}), "config: expected a mapping of names to values"),
+        (lambda made: face.train(made.case, "run", {"foo": 1}), "foo: unknown setting"),
+        (lambda made: face.train(made.case, "run", udpates=1), "udpates: unknown setting; did you mean"),
+        (lambda made: face.train(made.case, "run", source=5), "run: expected a path, got 5"),
+        (lambda made: face.resume(made.run.path, updates="x"), "updates: expected a whole number, got 'x'"),
+        (lambda made: face.TrainingConfig(foo=1), "foo: unknown setting; known: "),
+        (lambda made: face.TrainingConfig(updates="x"), "updates: expected a whole number, got 'x'"),
+        (lambda made: face.TrainingConfig(hidden=5), "hidden: expected a list, got 5"),
+        (lambda made: face.TrainingConfig(step_size=float("nan")), "step_size: expected a"),
+        (lambda made: face.build_base(made.case, max_tasks=0), "max_tasks: expected a whole number of"),
+        (lambda made: face.build_base(made.case, seed=-1), "seed: expected a whole number of at least 0"),
+        (lambda made: face.render(made.case), "combination: expected a combination"),
+        (lambda made: face.render("met"), "combination: expected a combination"),
+        (lambda made: list(face.verify(5)), "expected a case or combinations, got 5"),
+        (lambda made: list(face.verify([MEMBER])), f"case.combination(NAME), got '{MEMBER}'"),
         (lambda made: made.case.combination(5), "combination: expected a name, got 5"),
         (lambda made: made.case.system(5), "system: expected a name, got 5"),
         (lambda made: made.case.combination_at(3), "expected an index from 0 to 2, got 3"),
         (lambda made: made.case.combination_at(-1), "expected an index from 0 to 2, got -1"),
-        (lambda made: merap.Conditions(slip="much"), "slip: expected a number, got 'much'"),
-        (lambda made: merap.ShieldSettings(threshold=2), "threshold of a shield must be in [0, 1], it is 2"),
-        (lambda made: merap.ShieldSettings(threshold="low"), "shield: expected a number, got 'low'"),
-        (lambda made: merap.run_loop(made.run, 5), "scenario: expected a path, got 5"),
-        (lambda made: merap.run_loop(5, made.scenario), "run: expected a path, got 5"),
-        (lambda made: merap.run_loop(made.run, made.scenario, manager=5), "manager: expected a name, got 5"),
-        (lambda made: merap.run_loop(made.run, made.scenario, knowledge=5), "expected KnowledgeBase"),
+        (lambda made: face.Conditions(slip="much"), "slip: expected a number, got 'much'"),
+        (lambda made: face.ShieldSettings(threshold=2), "threshold of a shield must be in [0, 1], it is 2"),
+        (lambda made: face.ShieldSettings(threshold="low"), "shield: expected a number, got 'low'"),
+        (lambda made: face.run_loop(made.run, 5), "scenario: expected a path, got 5"),
+        (lambda made: face.run_loop(5, made.scenario), "run: expected a path, got 5"),
+        (lambda made: face.run_loop(made.run, made.scenario, manager=5), "manager: expected a name, got 5"),
+        (lambda made: face.run_loop(made.run, made.scenario, knowledge=5), "expected KnowledgeBase"),
     ],
 )  # fmt: skip
 def test_what_can_not_be_meant_is_one_error(
@@ -180,7 +183,7 @@ def test_what_can_not_be_meant_is_one_error(
 def test_adaptation_refuses_what_can_not_be_meant(
     made: Trained, arguments: dict[str, Any], complaint: str
 ) -> None:
-    assert complaint in refused(lambda: merap.adapt(**{"run": made.run, "system": "met", **arguments}))
+    assert complaint in refused(lambda: face.adapt(**{"run": made.run, "system": "met", **arguments}))
 
 
 def test_a_system_of_another_case_is_refused(made: Trained) -> None:

@@ -39,7 +39,7 @@ def as_text(value: str, argument: str) -> str:
     return value
 
 
-def as_number(value: float, argument: str) -> float:
+def as_number(value: Any, argument: str) -> float:
     """Return a real number, of Python's or NumPy's types.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from os import PathLike
@@ -84,6 +84,7 @@ def build_base(
     everything = case.size <= as_count(max_tasks, "max_tasks")
     tasks = list(case.combinations()) if everything else case.sample(max_tasks, generator)
     groups = [list(group) for _, group in groupby(tasks, key=_pair)]
+    wholes: Iterable[TabularMDP]
     if len(groups) <= MAX_PAIRS:
         wholes = (whole for group in groups for whole in _built_by_storm(group))
         compared = len(tasks)

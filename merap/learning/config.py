@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 
 from merap.concerns.document import key_text
 from merap.concerns.validation import message
@@ -31,20 +38,13 @@ SAMPLED_DEFAULTS: Mapping[str, Any] = {
 
 
 class TrainingConfig(BaseModel):
-    """What `train` does; the defaults are those of the documentation and of every figure in it."""
+    """What `train` does; the defaults are those of the documentation and of every figure in it.
+
+    Raises:
+        InputError: a setting is unknown, or has a value that is not allowed.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    def __init__(self, **settings: Any) -> None:
-        """Check settings.
-
-        Raises:
-            InputError: one is unknown, or has a value that is not allowed.
-        """
-        try:
-            super().__init__(**settings)
-        except ValidationError as error:
-            raise _refusal(error) from error
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """Yield the settings that are not the defaults of their estimator."""
@@ -142,6 +142,16 @@ class TrainingConfig(BaseModel):
         description="what counts as a gain of the adapted return, in units of how far it has moved so far",
     )
     tensorboard: bool = Field(default=False, description="also write metrics for TensorBoard")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_plain_words(
+        cls, settings: Any, handler: ModelWrapValidatorHandler[TrainingConfig]
+    ) -> TrainingConfig:
+        try:
+            return handler(settings)
+        except ValidationError as error:
+            raise _refusal(error) from error
 
     @model_validator(mode="before")
     @classmethod

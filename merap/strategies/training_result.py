@@ -17,10 +17,10 @@ from merap.learning.policy import policy_table, stack_parameters
 from merap.learning.rollout import rollout, sampler
 from merap.learning.run_folder import RunFolder, read_tasks
 from merap.learning.running import batch_of
-from merap.mdp.canonical import COMPLETE_LABEL
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.short_repr import ShortRepr
 from merap.strategies.evaluation import executed
 
