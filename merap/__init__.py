@@ -4,6 +4,13 @@
 case does not wait for torch.
 """
 
+from importlib import metadata
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attached, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name, or the version."""
+    return metadata.version(__name__) if name == "__version__" else _attached(name)

@@ -2,11 +2,20 @@ from .checker.verdicts import verify as verify
 from .concerns.case_study import CaseStudy as CaseStudy
 from .concerns.case_study import load_case as load_case
 from .errors import MerapError as MerapError
+from .errors import MerapWarning as MerapWarning
 from .families.build import build_base as build_base
+from .learning.config import TrainingConfig as TrainingConfig
+from .learning.run_folder import RunFolder as RunFolder
+from .learning.run_folder import read_run as read_run
+from .learning.running import resume as resume
 from .learning.running import train as train
 from .mapek.run import run_loop as run_loop
+from .mapek.scenario import read_scenario as read_scenario
 from .mdp.model import TabularMDP as TabularMDP
 from .prism.rendering import render as render
+from .shield.learning_shield import ShieldSettings as ShieldSettings
 from .strategies.adaptation import adapt as adapt
+from .strategies.problem import Conditions as Conditions
 
 __all__: list[str]
+__version__: str

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterable
 from typing import ClassVar
 
 from merap.masking import masked
@@ -17,6 +19,16 @@ class MerapError(Exception):
 
     def __init__(self, message: str) -> None:
         super().__init__(masked(message))
+
+
+class MerapWarning(UserWarning):
+    """What is allowed but probably not meant, when merap is used from Python."""
+
+
+def warn_of(lines: Iterable[str]) -> None:
+    """Warn a caller from Python, two calls above."""
+    for line in lines:
+        warnings.warn(line, MerapWarning, stacklevel=3)
 
 
 class InputError(MerapError):

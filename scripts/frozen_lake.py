@@ -11,15 +11,10 @@ import numpy as np
 import typer
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
-from merap.learning.config import TrainingConfig
-from merap.learning.meta import MetaPolicy
-from merap.learning.models import train_models
-from merap.mdp.gymnasium_import import import_gymnasium
-from merap.mdp.planning import optimum
-from merap.strategies.evaluation import evaluator
-from merap.strategies.gradient import GradientStrategy
-from merap.strategies.protocol import adaptation
-from merap.systems.gymnasium import GymnasiumSystem
+from merap.learning import MetaPolicy, TrainingConfig, train_models
+from merap.mdp import import_gymnasium, optimum
+from merap.strategies import GradientStrategy, adaptation_rows, evaluator
+from merap.systems import GymnasiumSystem
 
 EPISODES = 35
 LEARNED_FROM = range(256)  # seeds of maps
@@ -69,7 +64,7 @@ def curve(kind: Lakes, meta: MetaPolicy, seed: int, steps: int) -> list[float]:
     model = import_gymnasium(kind.env(seed))  # to keep the score; the strategy sees reset and step alone
     strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(seed))
     with GymnasiumSystem(kind.env(seed), seed=seed) as system:
-        rows = adaptation(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
+        rows = adaptation_rows(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
         return [row.expected_return for row in rows]
 
 

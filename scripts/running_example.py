@@ -7,12 +7,10 @@ import time
 from pathlib import Path
 
 import merap
-from merap.families.writing import render_case
-from merap.report.curves import draw_adaptation
-from merap.report.map import draw_before_after
-from merap.report.path import most_likely_path
-from merap.report.saving import save_figure
-from merap.strategies.adaptation import Adaptation
+from merap.cli.interruption import interruptible
+from merap.families import render_case
+from merap.report import draw_adaptation, draw_before_after, most_likely_path, save_figure
+from merap.strategies import Adaptation
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "demo-output"
@@ -39,7 +37,7 @@ def main() -> None:
     print(f"   {len(verdicts)} verdicts, {len(false)} false; the best discounted reward lies between")
     print(f"   {min(rewards):.2f} and {max(rewards):.2f} over the combinations.")
 
-    print("3. One meta policy is trained over all. The first time, half a minute goes into compiling.")
+    print("3. One meta policy is trained over all. The first time, some of it goes into compiling.")
     seconds: list[float] = []
     run = merap.train(case, OUT / "run", on_update=lambda row: seconds.append(row.seconds))
     print(
@@ -48,7 +46,7 @@ def main() -> None:
 
     covered = case.combination("b_blocked.speed_high.g3")
     print(f"4. Met online, covered by a model: {covered.name}. Gradient steps from the meta policy:")
-    _table(merap.adapt(run, covered, steps=5, seeds=SEEDS))
+    _table(merap.adapt(run, covered, strategy="gradient", steps=5, seeds=SEEDS))
 
     system = case.system("met")
     print("5. Met online, not covered: location A is blocked, which no model foresaw; the goal is G3.")
@@ -88,4 +86,5 @@ def _table(found: Adaptation) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with interruptible(last=True):
+        main()

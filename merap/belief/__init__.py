@@ -1,1 +1,8 @@
-"""A belief over what the real domain may be, and how to act on it."""
+"""A belief over what the real domain may be, and how to act on it.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

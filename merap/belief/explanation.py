@@ -19,6 +19,7 @@ LEFT = 1e-3
 SUSPECTED = 0.5
 # Weights below are not worth a word.
 SHARE = 0.01
+NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -112,16 +113,21 @@ def explain(space: HypothesisSpace, belief: Belief, reason: str) -> tuple[str, .
         f"{concern} {_listed(getattr(found, concern))} ({found.left[concern]} left)"
         for concern in ("objective", "environment", "capability")
     )
-    outside = ", ".join(f"{kind} {mass:.2g}" for kind, mass in found.outside.items())
+    outside = ", ".join(f"{kind} {_figure(mass)}" for kind, mass in found.outside.items())
     closed = ", ".join(f"{name} {mass:.2f}" for name, mass in found.closed) or "none"
     unexplained = f"; {belief.unexplained} observations unexplained" if belief.unexplained else ""
     return (
         f"{reason}; {concerns}",
         f"outside the base: {outside}; closed: {closed}; outcomes: {_listed(found.outcomes)}; "
-        f"noise {found.noise:.2g}{unexplained}",
+        f"noise {_figure(found.noise)}{unexplained}",
         f"not told apart so far: {_indistinct(found.alike_so_far)}",
         f"never to be told apart: {_indistinct(found.alike_for_good)}",
     )
+
+
+def _figure(value: float) -> str:
+    """Return a weight or a deviation with two digits; 0 where it is next to nothing."""
+    return "0" if value < NOTHING else f"{value:.2g}"
 
 
 def _indistinct(alike: Indistinct) -> str:

@@ -36,6 +36,7 @@ from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.short_repr import ShortRepr
 
 MAX_TABLE = 100_000_000
 MAX_OUTCOMES = 64
@@ -45,8 +46,8 @@ QUIET = 1e-5
 NOISES = (0.01, 0.02, 0.05, 0.1, 0.2)
 
 
-@dataclass(frozen=True, eq=False)
-class HypothesisSpace:
+@dataclass(frozen=True, eq=False, repr=False)
+class HypothesisSpace(ShortRepr):
     """All hypotheses about the real domain as arrays; made once for a case.
 
     Attributes:

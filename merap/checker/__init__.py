@@ -1,1 +1,8 @@
-"""Model checkers, and what they say of a model."""
+"""Model checkers, and what they say of a model.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -89,7 +89,8 @@ def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[
     if barred:
         parts.append(f"no entry to {_names(names, barred)} (capability {capability.name})")
     if edges:
-        parts.append(f"blocked edges {_shortened(edges)} (environment {environment.name})")
+        distinct = list(dict.fromkeys(edges))  # several labels may lead from one location to another
+        parts.append(f"blocked edges {_shortened(distinct)} (environment {environment.name})")
     if lacking:
         parts.append(f"no action goes {_shortened(sorted(lacking))} (capability {capability.name})")
     return parts

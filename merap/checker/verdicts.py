@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple
 
 from merap.checker.exchange import Answer, ModelText
 from merap.checker.model_text import model_text
@@ -14,11 +13,10 @@ from merap.checker.obstruction import obstruction
 from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
-from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
+from merap.concerns.lookup import Combinations, as_combinations
 from merap.errors import InputError
 
-Combinations: TypeAlias = CaseStudy | str | Path | Combination | Iterable[Combination]
 Status = Literal["ok", "unsupported", "timeout"]
 NO_ANSWER = Answer()
 
@@ -98,9 +96,7 @@ class _Task(NamedTuple):
 def _tasks(combinations: Combinations, only: str | None) -> Iterator[_Task]:
     """Render every combination that has a property to check."""
     names: dict[str, None] = {}
-    for combination in _each(combinations):
-        if not isinstance(combination, Combination):
-            raise InputError(f"{combination!r} is no combination")
+    for combination in as_combinations(combinations):
         wanted = properties(combination)
         names |= dict.fromkeys(wanted)
         if only is not None:
@@ -109,14 +105,6 @@ def _tasks(combinations: Combinations, only: str | None) -> Iterator[_Task]:
             yield _Task(combination, wanted, model_text(combination))
     if only is not None and only not in names:
         raise InputError(f"no property is called {only!r}; there are {', '.join(names)}")
-
-
-def _each(combinations: Combinations) -> Iterable[Any]:
-    if isinstance(combinations, str | Path):
-        combinations = load_case(Path(combinations))
-    if isinstance(combinations, CaseStudy):
-        return combinations.combinations()
-    return combinations if isinstance(combinations, Iterable) else [combinations]
 
 
 def _verdicts(process: CheckingProcess, task: _Task) -> Iterator[Verdict]:

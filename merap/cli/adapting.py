@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +10,8 @@ import typer
 
 from merap.cli import options
 from merap.cli.output import (
-    job_bar,
+    counted,
+    job,
     number,
     require_free_folder,
     require_free_report,
@@ -19,20 +20,24 @@ from merap.cli.output import (
     warn,
     write_json,
 )
+from merap.concerns.arguments import as_seeds
 from merap.errors import InputError
 
 if TYPE_CHECKING:
+    from merap.concerns.combination import Combination
     from merap.shield.learning_shield import ShieldSettings
     from merap.shield.safe_optimum import SafeOptimum
     from merap.strategies.adaptation import Adaptation, Spread
 
-SEED_LIMIT = 2**63
+DEFAULT = "belief"
 STRATEGY_HELP = (
-    "gradient, belief, ope, retrieval, joint, oracle or pretrained:<combination>; "
-    "pretrained:all shows the best, the median and the worst of the base."
+    "belief plans on the models; gradient, the paper's, takes gradient steps; to compare with: ope, "
+    "retrieval, joint, oracle or pretrained:<combination>; pretrained:all shows the best, the median and "
+    "the worst of the base."
 )
 DEFAULT_EPISODES, DEFAULT_STEPS = 35, 30
-PICTURES = tuple(f"{name}.{kind}" for name in ("curve", "map") for kind in ("png", "svg"))
+REPORT = "report.json"
+FILES = (REPORT, *(f"{name}.{kind}" for name in ("curve", "map") for kind in ("png", "svg")))
 SHOWN_STEPS = (0, 1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 
@@ -43,8 +48,8 @@ def register(app: typer.Typer) -> None:
 
 def adapt(
     run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
-    system: options.SystemName = "met",
-    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = "gradient",
+    system: options.SystemName = None,
+    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = DEFAULT,
     episodes_per_step: Annotated[
         int | None,
         typer.Option(
@@ -70,49 +75,50 @@ def adapt(
         typer.Option(help="Probability of a location to be unsafe though no model says so; with --shield."),
     ] = 0.0,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for curve and map, as PNG and SVG.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the report, and curve and map as PNG and SVG."),
     ] = None,
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
     """Adapt to a system that is met online, and score it against the optimum."""
+    from merap.families.build import cut_off_warnings
     from merap.learning.run_folder import read_run
     from merap.strategies import adaptation
-    from merap.strategies.adaptation_problem import Conditions, adaptation_problem
+    from merap.strategies.problem import Conditions, adaptation_problem
     from merap.strategies.registry import ALL, PRETRAINED, parse_strategy
 
     require_free_report(json, force=force)
     if out is not None:
-        require_free_folder(out, PICTURES, force=force)
+        require_free_folder(out, FILES, force=force)
     spread = parse_strategy(strategy) == (PRETRAINED, ALL)
     each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
     opened = read_run(run)
-    chosen = _seeds(seeds)
+    warn(opened.warnings)
+    chosen = as_seeds(seeds, "--seeds")
     problem = adaptation_problem(
         opened,
-        opened.case.system(system),
+        options.chosen_system(opened.case, system),
         episodes_per_step=each,
         conditions=Conditions(reward_noise, slip, reset),
         shield=_shield(shield, hazard_prior),
     )
+    warn(cut_off_warnings(problem.truth.system))
     report: Adaptation | Spread
-    with job_bar() as bar:
-        job = bar.add_task("Adapting", total=len(chosen) * steps * (3 if spread else 1), note="")
-
-        def count() -> None:
-            bar.advance(job)
-
+    with job("Adapting", len(chosen) * steps * (3 if spread else 1)) as bar:
         if spread:
-            report = adaptation.spread_of_pretrained(problem, steps=steps, seeds=chosen, on_step=count)
+            report = adaptation.spread_of_pretrained(problem, steps=steps, seeds=chosen, on_step=bar.advance)
         else:
-            report = adaptation.adapt_to(problem, strategy, steps=steps, seeds=chosen, on_step=count)
+            report = adaptation.adapt_to(problem, strategy, steps=steps, seeds=chosen, on_step=bar.advance)
     shown = report.shown if isinstance(report, adaptation.Spread) else (report,)
     write_json(json, report.as_dict(), force=force)
     if out is not None:
-        _draw(shown, problem.truth.system, out, force=force)
+        write_json(out / REPORT, report.as_dict(), force=force)
+        _draw(shown, problem.truth.system, opened.case.name, out, force=force)
     if str(json) != "-":
         for found in shown:
             _show(found)
+    warn(line for found in shown for line in _advice(found))
 
 
 def _lengths(
@@ -149,21 +155,9 @@ def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | No
     return ShieldSettings(threshold, hazard_prior)
 
 
-def _seeds(text: str) -> range:
-    first, colon, end = text.partition(":")
-    if not (first.isdecimal() and (end.isdecimal() if colon else not end)):
-        raise InputError(f"expected a:b with whole numbers or one seed, got {text!r}", source="--seeds")
-    seeds = range(int(first), int(end) if colon else int(first) + 1)
-    if not seeds:
-        raise InputError(f"{text!r} holds no seed", source="--seeds")
-    if seeds.stop > SEED_LIMIT:
-        raise InputError(f"seeds must be below {SEED_LIMIT}, got {text!r}", source="--seeds")
-    return seeds
-
-
 def _show(found: Adaptation) -> None:
     """The mean curve at some steps, then the scores."""
-    say(f"{found.strategy}, {len(found.runs)} seeds")
+    say(f"{found.strategy} on {found.system}, {counted(len(found.runs), 'seed')}")
     curves = [run.curve for run in found.runs]
     rows = []
     last = len(curves[0]) - 1
@@ -177,22 +171,15 @@ def _show(found: Adaptation) -> None:
     say(f"optimum {number(found.reachable.optimum)}, worst {number(found.reachable.worst)}")
     if found.within_shield is not None:
         _show_within(found.within_shield)
-    say(
-        f"within 5 percent after {number(scores['mean_steps_to_within_5_percent'], 3)} steps on average "
-        f"({number(scores['mean_episodes_to_within_5_percent'], 3)} episodes); "
-        f"never: {scores['never_steps_to_within_5_percent'] - scores['too_short']} of {scores['runs']} runs"
-    )
+    _show_speed(scores)
     if scores["too_short"]:
         say(
             f"too short to tell: {scores['too_short']} of {scores['runs']} runs; three rows in a row must be "
             "within 5 percent, so give more --steps or --max-episodes"
         )
-    half, most = (
-        number(scores[f"quantile_{percent}_episodes_to_within_5_percent"], 3) for percent in (50, 95)
-    )
-    say(f"half of the runs within {half} episodes, 95 percent within {most}")
     first, total, sampled = (
-        number(scores[f"mean_{kind}_regret"], 4) for kind in ("first_episode", "cumulative", "sampled")
+        number(round(scores[f"mean_{kind}_regret"], 9) + 0.0, 4)
+        for kind in ("first_episode", "cumulative", "sampled")
     )
     say(f"regret: {first} in the first episode, {total} in all; what the episodes really lost: {sampled}")
     say(f"seed {found.runs[0].seed}, at the end:")
@@ -200,6 +187,37 @@ def _show(found: Adaptation) -> None:
         say(f"  {line}")
     if found.safety:
         _show_safety(found.as_dict()["safety"]["total"])
+
+
+def _show_speed(scores: Mapping[str, Any]) -> None:
+    """Say how soon the runs came within 5 percent of the optimum."""
+    runs, steps = scores["runs"], scores["mean_steps_to_within_5_percent"]
+    never = f"never: {scores['never_steps_to_within_5_percent'] - scores['too_short']} of {runs} runs"
+    if steps is None:
+        say(f"not within 5 percent of the optimum for three updates in a row; {never}")
+        return
+    after = counted(float(number(steps, 3)), "step")
+    episodes = counted(float(number(scores["mean_episodes_to_within_5_percent"], 3)), "episode")
+    say(f"within 5 percent after {after} on average ({episodes}); {never}")
+    half, most = (scores[f"quantile_{percent}_episodes_to_within_5_percent"] for percent in (50, 95))
+    if half is not None:
+        rest = "" if most is None else f", 95 percent within {number(most, 3)}"
+        say(f"half of the runs within {counted(half, 'episode')}{rest}")
+
+
+def _advice(found: Adaptation) -> Iterator[str]:
+    """Say which strategy to try where one got nowhere."""
+    from merap.strategies.registry import BELIEF, GRADIENT, ORACLE, parse_strategy
+
+    scores = found.as_dict()["summary"]
+    kind, _ = parse_strategy(found.strategy)
+    never = scores["never_steps_to_within_5_percent"] == scores["runs"] and not scores["too_short"]
+    if never and kind != ORACLE:
+        other = f"more --max-episodes, or --strategy {GRADIENT}" if kind == BELIEF else f"--strategy {BELIEF}"
+        yield (
+            f"{found.strategy} got nowhere near the optimum: none of {counted(scores['runs'], 'run')} came "
+            f"within 5 percent; try {other}"
+        )
 
 
 def _show_within(possible: SafeOptimum) -> None:
@@ -212,7 +230,7 @@ def _show_within(possible: SafeOptimum) -> None:
 
 def _show_safety(sums: Mapping[str, Any]) -> None:
     episodes = sums["episodes"]
-    say(f"violations: {sums['violations']} of {episodes} episodes; completed: {sums['completed']}")
+    say(f"violations: {sums['violations']} of {episodes} episodes; ended: {sums['completed']}")
     shield = sums["shield"]
     if shield is not None:
         say(
@@ -222,7 +240,7 @@ def _show_safety(sums: Mapping[str, Any]) -> None:
         )
 
 
-def _draw(shown: Sequence[Adaptation], system: Any, folder: Path, *, force: bool) -> None:
+def _draw(shown: Sequence[Adaptation], system: Combination, case: str, folder: Path, *, force: bool) -> None:
     """The curves of all, and the map of the first."""
     from merap.report.curves import draw_adaptation
     from merap.report.map import draw_before_after
@@ -231,7 +249,7 @@ def _draw(shown: Sequence[Adaptation], system: Any, folder: Path, *, force: bool
 
     found = shown[0]
     curves = {one.strategy: [[row.expected_return for row in run.curve] for run in one.runs] for one in shown}
-    title = f"Adaptation to {found.system}"
+    title = f"{case}: adaptation to {found.system}"
     optimum, worst = found.reachable.optimum, found.reachable.worst
     paths = [
         most_likely_path(found.model, system, policy, system.objective.horizon, label=label)
@@ -239,6 +257,6 @@ def _draw(shown: Sequence[Adaptation], system: Any, folder: Path, *, force: bool
     ]
     written = [
         *save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force),
-        *save_figure(draw_before_after(system, *paths), folder / "map", force=force),
+        *save_figure(draw_before_after(system, *paths, title=title), folder / "map", force=force),
     ]
     say("wrote " + ", ".join(str(path) for path in written))

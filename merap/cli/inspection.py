@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from merap.cli import options
-from merap.cli.output import number, require_free_report, say, table, warn, write_json
+from merap.cli.output import counted, job, number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 
-Weight = Annotated[float, typer.Option(min=0)]
+Weight = Annotated[float, typer.Option(min=0, max=1e9)]
 
 
 def register(app: typer.Typer) -> None:
@@ -26,9 +26,13 @@ def validate(case: options.Case) -> None:
     """Check that a case is sound; say what it consists of."""
     study = load_case(case)
     warn(study.warnings)
+    parts = (
+        (study.space.num_locations, "location"),
+        (len(study.modes), "mode"),
+        (len(study.actions), "action"),
+    )
     say(
-        f"{study.name}: {study.space.num_locations} locations, {len(study.modes)} modes, "
-        f"{len(study.actions)} actions; {study.size} combinations; "
+        f"{study.name}: {', '.join(counted(*part) for part in parts)}; {counted(study.size, 'combination')}; "
         f"online systems: {', '.join(study.systems) or 'none'}"
     )
 
@@ -44,7 +48,7 @@ class OptimumDrawing(StrEnum):
 def show(
     case: options.Case,
     out: options.Out,
-    system: options.SystemName = "met",
+    system: options.SystemName = None,
     attribute: Annotated[str | None, typer.Option(help="Which attribute to colour by.")] = None,
     optimum: Annotated[
         OptimumDrawing, typer.Option(help="Draw an optimal policy, or its path.")
@@ -60,7 +64,7 @@ def show(
     from merap.report.saving import save_figure
 
     study = load_case(case)
-    shown = study.system(system)
+    shown = options.chosen_system(study, system)
     policy, paths = None, []
     if optimum is not OptimumDrawing.none:
         model = model_of(shown)
@@ -82,7 +86,7 @@ def show(
 
 def difference(
     case: options.Case,
-    system: options.SystemName = "met",
+    system: options.SystemName = None,
     w1: Weight = 1.0,
     w2: Weight = 1.0,
     most: Annotated[int, typer.Option(min=1, help="How many of the nearest combinations to list.")] = 5,
@@ -91,13 +95,14 @@ def difference(
 ) -> None:
     """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
     from merap.concerns.synthesis import synthesise
-    from merap.families.build import build_base, canonical
+    from merap.families.build import MAX_TASKS, build_base, canonical
     from merap.mdp.difference import differences
 
     require_free_report(json, force=force)
     study = load_case(case)
-    base = build_base(study)
-    combination = study.system(system)
+    combination = options.chosen_system(study, system)
+    with job("Building models", min(study.size, MAX_TASKS)) as bar:
+        base = build_base(study, on_model=bar.advance)
     found = differences(
         canonical(combination, synthesise(combination)),
         dict(zip(base.names, base.models, strict=True)),
@@ -108,7 +113,7 @@ def difference(
     name, least = ranked[0]
     report = {
         "case": study.name,
-        "system": system,
+        "system": combination.name,
         "w1": w1,
         "w2": w2,
         "combinations": base.covered,
@@ -128,4 +133,4 @@ def difference(
         ],
     )
     drawn = "" if len(ranked) == base.covered else f" (of {len(ranked)} drawn from {base.covered})"
-    say(f"{system} differs from the base by {number(least.total)}; nearest{drawn}: {name}")
+    say(f"{combination.name} differs from the base by {number(least.total)}; nearest{drawn}: {name}")

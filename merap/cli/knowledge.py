@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from merap.cli import options
-from merap.cli.output import number, require_free_folder, require_free_report, say, table, write_json
+from merap.cli.output import (
+    number,
+    require_free_folder,
+    require_free_report,
+    require_verb,
+    say,
+    table,
+    write_json,
+)
 from merap.errors import MerapError
 
 if TYPE_CHECKING:
@@ -41,7 +49,8 @@ def register(app: typer.Typer) -> None:
     """Add these verbs, as a group."""
     group = typer.Typer(
         help="List, show, export and replay what a loop has recorded.",
-        no_args_is_help=True,
+        invoke_without_command=True,
+        callback=require_verb,
         rich_markup_mode=None,
     )
     group.command("list")(list_runs)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from merap.cli.output import job_bar, number, say, warn
+from merap.cli.interruption import go_on_with
+from merap.cli.output import counted, job, number, say, warn
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
+from merap.families.folder import MANIFEST
 
 if TYPE_CHECKING:
     from merap.learning.metrics import UpdateMetrics
+    from merap.learning.run_folder import RunFolder
     from merap.learning.training import Outcome
 
 
@@ -47,12 +51,12 @@ def train(
             "are given.",
         ),
     ] = None,
-    resume: Annotated[bool, typer.Option(help="Go on with the run in this folder.")] = False,
+    resume: Annotated[
+        bool, typer.Option(help="Go on with the run in this folder; with --updates to more of them.")
+    ] = False,
 ) -> None:
     """Learn a meta policy over the model base of a case."""
-    from merap.learning import running
-    from merap.learning.run_folder import read_run
-    from merap.learning.settings import read_config
+    from merap.learning.running import train_run
 
     given = {
         "seed": seed,
@@ -62,38 +66,94 @@ def train(
         "tensorboard": tensorboard or None,
     }
     if resume:
-        if (
-            case is not None
-            or config is not None
-            or source is not None
-            or settings
-            or any(value is not None for value in given.values())
-        ):
+        others = case or config or source or settings
+        if others or any(value is not None for name, value in given.items() if name != "updates"):
             raise InputError(
-                "--resume goes on with the run's own case and settings: merap train -o RUN --resume",
+                "--resume goes on with the run's own case and settings, of which only --updates may grow",
                 source="merap train",
             )
-        run = read_run(out)
+        run = _resumed(out, updates)
+    elif case is None:
+        raise InputError("a case is missing; see merap train --help", source="merap train")
     else:
-        if case is None:
-            raise InputError("a case is missing", source="merap train")
-        study = load_case(case)
-        warn(study.warnings)
-        begun = None if source is None else read_run(source)
-        chosen = read_config(config, settings or [], None if begun is None else begun.config, **given)
-        run = running.begin_run(out, study, chosen, begun)
+        run = _begun(out, case, config, settings or [], source, given)
+    warn(run.warnings)
     seconds: list[float] = []
 
     def show(metrics: UpdateMetrics) -> None:
         seconds.append(metrics.seconds)
-        note = f"{len(seconds) / sum(seconds):.0f}/s, adapted return {metrics.adapted_return:.3f}"
-        bar.update(job, completed=metrics.update, note=note)
+        rate = len(seconds) / sum(seconds)
+        bar.advance(metrics.update, f"{rate:.0f}/s, adapted return {metrics.adapted_return:.3f}")
 
-    with job_bar() as bar:
-        job = bar.add_task("Training", total=run.config.updates, note="")
-        outcome = running.train_run(run, show).outcome
-    say(f"{len(run.names)} tasks, {len(seconds)} updates in {sum(seconds):.1f} s; the run is in {run.path}")
+    with job("Training", run.config.updates) as bar:
+        outcome = train_run(run, show).outcome
+    say(
+        f"{counted(len(run.names), 'task')}, {counted(len(seconds), 'update')} in {sum(seconds):.1f} s; "
+        f"the run is in {run.path}"
+    )
     warn(_remarks(outcome))
+    _show_result(run)
+
+
+def _begun(
+    out: Path,
+    case: Path,
+    config: Path | None,
+    settings: Sequence[str],
+    source: Path | None,
+    given: Mapping[str, Any],
+) -> RunFolder:
+    """Make the folder of a new run."""
+    from merap.learning.run_folder import read_run
+    from merap.learning.running import begin_run
+    from merap.learning.settings import read_config
+
+    study = load_case(case)
+    warn(study.warnings)
+    begun_from = None if source is None else read_run(source)
+    chosen = read_config(config, settings, None if begun_from is None else begun_from.config, **given)
+    _go_on_with(out)
+    with job("Building models", min(study.size, chosen.max_tasks)) as bar:
+        return begin_run(out, study, chosen, begun_from, bar.advance)
+
+
+def _resumed(out: Path, updates: int | None) -> RunFolder:
+    """Open the folder of a run that goes on."""
+    from merap.learning.run_folder import read_run
+    from merap.learning.running import lengthen
+
+    run = read_run(out)
+    _go_on_with(out)
+    return run if updates is None else lengthen(run, updates)
+
+
+def _go_on_with(out: Path) -> None:
+    from merap.learning.run_folder import resume_command
+
+    go_on_with(resume_command(out), when=(out / MANIFEST).exists)
+
+
+def _show_result(run: RunFolder) -> None:
+    """Say what the adapted policies are worth, and warn where that is little."""
+    from merap.strategies.training_result import evaluate_training
+
+    found = evaluate_training(run)
+    say(
+        f"after {counted(run.config.inner_steps, 'gradient step')} of "
+        f"{counted(run.config.episodes, 'episode')} the adapted policies return "
+        f"{number(found.adapted.mean(), 4)} on average over {counted(len(found.names), 'task')}; "
+        f"the best possible is {number(found.optimum.mean(), 4)}"
+    )
+    if found.far_from_optimum:
+        warn(
+            [
+                f"little was learned: over acting at random the adapted policies gain {found.gain:.0%} of "
+                "what the best ones do; try more --updates, or plan on the models: "
+                f"merap adapt {shlex.quote(str(run.path))} --strategy belief"
+            ]
+        )
+    if found.never_ends:
+        warn(["no adapted policy ever completes its task: each goes on until the horizon"])
 
 
 def _remarks(outcome: Outcome) -> Iterator[str]:

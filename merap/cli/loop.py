@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from merap.cli import options
+from merap.cli.interruption import go_on_with
 from merap.cli.output import (
-    job_bar,
+    counted,
+    job,
     number,
     progress_line,
     require_free_folder,
@@ -26,7 +30,7 @@ if TYPE_CHECKING:
 
 PICTURE = "timeline"
 REPORT = "report.json"
-# Of progress, where no terminal shows a bar.
+# Number of lines of progress where no terminal shows a bar.
 LINES = 10
 
 
@@ -77,14 +81,25 @@ def run(
     opened = read_run(run_folder)
     url = default_url(run_folder) if db is None else url_of(db)
     lines = JsonLines(run_folder / FILE_NAME if log is None else log)
-    with lines, open_knowledge(url, notice=lines.notice) as knowledge, job_bar() as bar:
-        job = bar.add_task("Running", total=read.spec.episodes, note="")
+    begun = Event()
+    given = {"--db": db, "--log": log, "--manager": manager, "--out": out, "--json": json}
+    words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
+    again = ["merap", "run", str(run_folder), "--scenario", str(scenario), *words, "--resume"]
+    go_on_with(shlex.join(again), when=begun.is_set)
+    with (
+        lines,
+        open_knowledge(url, notice=lines.notice) as knowledge,
+        job("Running", read.spec.episodes) as bar,
+    ):
 
         def told(row: EpisodeRow) -> None:
+            begun.set()
             done, of_all = row.episode + 1, read.spec.episodes
-            bar.update(job, completed=done, note=f"{row.earned:.4g}")
+            bar.draw(done, f"{row.earned:.4g}")
             if str(json) != "-" and (done % max(1, of_all // LINES) == 0 or done == of_all):
-                progress_line(f"{done} of {of_all} episodes; the last returned {number(row.earned, 4)}")
+                progress_line(
+                    f"{done} of {counted(of_all, 'episode')}; the last returned {number(row.earned, 4)}"
+                )
 
         report = run_loop(
             opened,
@@ -132,19 +147,20 @@ def _show(report: LoopReport) -> None:
         table(columns, rows)
     found = report.as_dict()["summary"]
     say(
-        f"{found['episodes']} episodes returned {number(found['mean_return'], 4)} on average"
-        f"{_possible(found)}; {found['completed']} completed{_violations(found)}"
+        f"{counted(found['episodes'], 'episode')} returned {number(found['mean_return'], 4)} on average"
+        f"{_possible(found)}; {found['completed']} ended{_violations(found)}"
     )
     faults = ", ".join(f"{count} {kind}" for kind, count in found["faults"].items())
     told = f"; faults: {faults}" if faults else ""
     recovered = (
-        f"; recovered from {found['changes_recovered_from']} of {found['changes']} changes"
+        f"; recovered from {found['changes_recovered_from']} of {counted(found['changes'], 'change')}"
         if found["mean_optimum"] is not None
         else ""
     )
     say(
-        f"{found['adaptations']} re-plannings, {found['policy_updates']} policy updates, "
-        f"{found['fallbacks']} fallbacks{recovered}{told}"
+        f"{counted(found['adaptations'], 're-planning')}, "
+        f"{counted(found['policy_updates'], 'policy update')}, "
+        f"{counted(found['fallbacks'], 'fallback')}{recovered}{told}"
     )
 
 
@@ -160,7 +176,7 @@ def _possible(found: Mapping[str, Any]) -> str:
 def _violations(found: Mapping[str, Any]) -> str:
     """In how many episodes an unsafe state was reached, if that is known."""
     count = found["violations"]
-    return "" if count is None else f", {count} violations"
+    return "" if count is None else f", {counted(count, 'violation')}"
 
 
 def _whole(value: int | None) -> str:

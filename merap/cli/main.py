@@ -1,31 +1,29 @@
-"""`merap`: the root of the command line and its exit codes."""
+"""The entry point of `merap`: watch for interruptions before anything slow is imported."""
 
 from __future__ import annotations
 
 import sys
-import warnings
 
-import typer
-
-from merap.cli import adapting, inspection, knowledge, learning, loop, modelling, policies, serving, tools
-from merap.cli.output import complain
+from merap.cli.interruption import interruptible
 from merap.errors import MerapError
 
-app = typer.Typer(
-    help="Meta-reinforcement-learning adaptive planning over checked Markov decision processes.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-for group in (inspection, modelling, learning, adapting, policies, loop, knowledge, serving, tools):
-    group.register(app)
 
+def main(*, last: bool = False) -> None:
+    """Run the command line; exit 0 when fine, 1 on a false verdict, 2 on wrong input, 3 if an engine failed.
 
-def main() -> None:
-    """Run; exit 0 when fine, 1 on a false verdict, 2 on wrong input, 3 if an engine failed."""
-    warnings.simplefilter("ignore")  # of libraries; merap raises or reports what matters
+    An interruption exits with 130.
+
+    Args:
+        last: the process has nothing else to do; see `interruptible`.
+    """
     try:
-        app()
+        with interruptible(last=last):
+            from merap.cli.app import run
+
+            code = run()
     except MerapError as error:
+        from merap.cli.output import complain
+
         complain(str(error))
-        sys.exit(error.exit_code)
+        code = error.exit_code
+    sys.exit(code)

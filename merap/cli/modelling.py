@@ -10,10 +10,10 @@ import typer
 
 from merap.checker.properties import TIMEOUT
 from merap.cli import options
-from merap.cli.output import number, progress, require_free_report, say, table, warn, write_json
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.cli.output import counted, number, progress, require_free_report, say, table, warn, write_json
+from merap.concerns.case_study import DEFAULT_LIMIT, CaseStudy, load_case
 from merap.concerns.combination import Combination
-from merap.errors import EngineError
+from merap.errors import EngineError, InputError
 
 if TYPE_CHECKING:
     from merap.checker.verdicts import Verdict
@@ -36,7 +36,7 @@ def render(
 
     study = load_case(case)
     count = render_case(study, _chosen(study, sample, seed, "Rendering"), out)
-    say(f"{count} models in {out}")
+    say(f"{counted(count, 'model')} in {out}")
 
 
 def export(
@@ -47,7 +47,7 @@ def export(
 
     study = load_case(case)
     count = export_case(study, _chosen(study, sample, seed, "Exporting"), out)
-    say(f"{count} models in {out}")
+    say(f"{counted(count, 'model')} in {out}")
 
 
 def verify(
@@ -85,6 +85,12 @@ def verify(
 
 def _chosen(study: CaseStudy, sample: int | None, seed: int, what: str) -> Iterable[Combination]:
     if sample is None or sample >= study.size:
+        if study.size > DEFAULT_LIMIT:
+            raise InputError(
+                f"{study.name} has {study.size} combinations, too many to enumerate (limit {DEFAULT_LIMIT}); "
+                "take some at random, such as --sample 100",
+                source=str(study.source),
+            )
         return progress(study.combinations(), study.size, what)
     return progress(study.sample(sample, np.random.default_rng(seed)), sample, what)
 
@@ -106,7 +112,8 @@ def _show(verdicts: list[Verdict]) -> None:
     for line in dict.fromkeys(f"{verdict.status}: {verdict.reason}" for verdict in unanswered):
         say(line)
     unknown = f", {len(unanswered)} without an answer" if unanswered else ""
-    say(f"{len(cells)} combinations, {len(verdicts)} verdicts, {len(false)} false{unknown}")
+    counts = f"{counted(len(cells), 'combination')}, {counted(len(verdicts), 'verdict')}"
+    say(f"{counts}, {len(false)} false{unknown}")
 
 
 def _cell(verdict: Verdict) -> str:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TypeVar
 
+import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn, track
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from merap.errors import OutputError
+from merap.errors import InputError, OutputError
 from merap.families.folder import write_file
 from merap.masking import masked
 
 Item = TypeVar("Item")
 PIPE_WIDTH = 160
+# Of plain lines of progress, in seconds.
+FIRST_LINE_AFTER, LONGEST_WAIT = 1.0, 30.0
 
 out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -41,6 +45,13 @@ def warn(messages: Iterable[str]) -> None:
         err.print(f"warning: {message}", markup=False)
 
 
+def require_verb(context: typer.Context) -> None:
+    """Show the help of a group of verbs that was called without one, and exit as for wrong usage."""
+    if context.invoked_subcommand is None:
+        say(context.get_help())
+        raise typer.Exit(InputError.exit_code)
+
+
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """A table on standard output."""
     grid = Table(box=None, pad_edge=False, header_style="bold")
@@ -51,22 +62,39 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     out.print(grid)
 
 
-def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-    """Pass items on, with a bar on standard error where a person watches."""
-    yield from track(
-        items, description=what, total=total, console=err, transient=True, disable=not err.is_terminal
-    )
+class Job:
+    """A job's progress on standard error: a bar on a terminal, else a plain line now and then.
 
+    The first line comes after a second, the others at growing distances.
+    """
 
-def progress_line(message: str) -> None:
-    """A line of progress on standard error, where no person watches a bar."""
-    if not err.is_terminal:
-        err.print(message, markup=False)
+    def __init__(self, bar: Progress, name: str, total: int) -> None:
+        self._bar, self._name, self._total = bar, name, total
+        self._task = bar.add_task(name, total=total, note="")
+        self._done, self._told = 0, False
+        self._wait = FIRST_LINE_AFTER
+        self._due = time.monotonic() + self._wait
+
+    def advance(self, done: int | None = None, note: str = "") -> None:
+        """Show that one more part is done, or how many are."""
+        self.draw(self._done + 1 if done is None else done, note)
+        finished = self._done >= self._total
+        if err.is_terminal or not (self._told if finished else time.monotonic() >= self._due):
+            return
+        err.print(f"{self._name}: {self._done} of {self._total}{note and f', {note}'}", markup=False)
+        self._told = True
+        self._wait = min(2 * self._wait, LONGEST_WAIT)
+        self._due = time.monotonic() + self._wait
+
+    def draw(self, done: int, note: str = "") -> None:
+        """Show on a terminal alone how many parts are done."""
+        self._done = done
+        self._bar.update(self._task, completed=done, note=note)
 
 
 @contextmanager
-def job_bar() -> Iterator[Progress]:
-    """A bar with rate and time left on standard error, where a person watches."""
+def job(name: str, total: int) -> Iterator[Job]:
+    """Show the progress of a job inside."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -75,7 +103,21 @@ def job_bar() -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        yield bar
+        yield Job(bar, name, total)
+
+
+def progress(items: Iterable[Item], total: int, name: str) -> Iterator[Item]:
+    """Pass items on, and show how many there were."""
+    with job(name, total) as shown:
+        for item in items:
+            yield item
+            shown.advance()
+
+
+def progress_line(message: str) -> None:
+    """Print a line of progress on standard error, where no person watches a bar."""
+    if not err.is_terminal:
+        err.print(message, markup=False)
 
 
 def require_free_report(path: Path | None, *, force: bool) -> None:
@@ -122,6 +164,12 @@ def write_json(path: Path | None, content: Any, *, force: bool) -> None:
         out.out(text, end="", highlight=False)
     else:
         write_file(path, text, force=force)
+
+
+def counted(count: float, noun: str) -> str:
+    """Return a number with its noun: 1 seed, 2 seeds."""
+    text = str(count) if isinstance(count, int) else f"{count:g}"
+    return f"{text} {noun}" if count == 1 else f"{text} {noun}s"
 
 
 def number(value: float | None, digits: int = 6) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from merap.cli import options
-from merap.cli.output import job_bar, require_free_report, say
+from merap.cli.output import counted, job, require_free_report, say
 from merap.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,7 +65,9 @@ def export_policy(
         else f"{opened.case.name} on {combination.name}: "
     )
     if combination is not None:
-        steps = f"{adapt_steps} gradient steps of {episodes_per_step} episodes, seed {seed}"
+        steps = (
+            f"{counted(adapt_steps, 'gradient step')} of {counted(episodes_per_step, 'episode')}, seed {seed}"
+        )
         title += steps if adapt_steps else "the meta policy"
     write_bytes(out, _content(kind, opened, combination, meta, title), force=force)
     say(f"{title}; wrote {out}")
@@ -81,15 +83,14 @@ def _policy(
         return read_policy(run, tasks_of(run))
     from merap.strategies.adapted_policy import adapted_policy
 
-    with job_bar() as bar:
-        job = bar.add_task("Adapting", total=adapt_steps, note="")
+    with job("Adapting", adapt_steps) as bar:
         return adapted_policy(
             run,
             combination,
             steps=adapt_steps,
             episodes_per_step=episodes_per_step,
             seed=seed,
-            on_step=lambda: bar.advance(job),
+            on_step=bar.advance,
         )
 
 

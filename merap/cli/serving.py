@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from merap.cli import options
+from merap.cli.interruption import interruption_calls
 from merap.cli.output import say, warn
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
@@ -22,9 +23,7 @@ def register(app: typer.Typer) -> None:
 
 def serve(
     case: options.Case,
-    system: Annotated[
-        str | None, typer.Option(help="An online system of the case, or a combination; met by default.")
-    ] = None,
+    system: options.SystemName = None,
     scenario: Annotated[
         Path | None, typer.Option(help="A scenario file: what is met changes as it says.")
     ] = None,
@@ -58,7 +57,7 @@ def serve(
     warn(study.warnings)
     if scenario is None:
         served = served_combination(
-            study.system(system or "met"),
+            options.chosen_system(study, system),
             np.random.default_rng(seed),
             slip=slip,
             noise=reward_noise,
@@ -77,9 +76,10 @@ def serve(
         if not quiet:
             _log_to_standard_error()
         address = f"http://{host}:{listener.getsockname()[1]}"
-        say(f"{served.interface.system} of {study.name} on {address}; interrupt to end")
-        with suppress(KeyboardInterrupt):  # not raised where a shell has it ignored: in the background
-            server(served).run(sockets=[listener])
+        offered = server(served)
+        with interruption_calls(partial(setattr, offered, "should_exit", True)):
+            say(f"{served.interface.system} of {study.name} on {address}; interrupt to end")
+            offered.run(sockets=[listener])
         say("ended")
 
 

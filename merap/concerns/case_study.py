@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
+from merap.concerns.arguments import as_path, as_text
 from merap.concerns.checks import DistributionCheck
 from merap.concerns.combination import Capability, Combination, Environment
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
@@ -91,8 +94,12 @@ class CaseStudy(ShortRepr):
         """The combination at `index` in the order of `combinations`.
 
         Raises:
-            InputError: it can't be resolved.
+            InputError: there is none at that index, or it can't be resolved.
         """
+        if not 0 <= operator.index(index) < self.size:
+            raise InputError(
+                f"expected an index from 0 to {self.size - 1}, got {index}", source=str(self.source)
+            )
         _, capabilities, objectives = self.shape
         rest, objective = divmod(index, objectives)
         environment, capability = divmod(rest, capabilities)
@@ -115,11 +122,12 @@ class CaseStudy(ShortRepr):
             name, self.space, self.modes, self.actions, *parts, discount=self.discount, digest=self.digest
         )
 
-    def sample(self, count: int, generator: np.random.Generator) -> list[Combination]:
+    def sample(self, count: int, generator: np.random.Generator | int) -> list[Combination]:
         """Distinct combinations in random order, each set of `count` equally likely.
 
-        All of them, shuffled, if there are no more than `count`.
+        All of them, shuffled, if there are no more than `count`. The generator may be given as its seed.
         """
+        generator = np.random.default_rng(generator)
         if self.size <= 2 * count:
             return [self.combination_at(int(index)) for index in generator.permutation(self.size)[:count]]
         drawn: dict[tuple[int, int, int], None] = {}
@@ -143,7 +151,7 @@ class CaseStudy(ShortRepr):
         return self.combine(*indices)
 
     def _indices(self, name: str) -> tuple[int, int, int] | None:
-        parts = name.split(".")
+        parts = as_text(name, "combination").split(".")
         if len(parts) != 3:
             return None
         supports = self.supports
@@ -167,7 +175,7 @@ class CaseStudy(ShortRepr):
         Raises:
             InputError: there is neither; names what is near.
         """
-        if name in self.systems:
+        if as_text(name, "system") in self.systems:
             return self.systems[name]
         if self._indices(name) is not None:
             return self.combination(name)
@@ -188,13 +196,13 @@ class CaseStudy(ShortRepr):
         return same_start and declared.horizon == combination.objective.horizon
 
 
-def load_case(path: str | Path) -> CaseStudy:
+def load_case(path: str | PathLike[str]) -> CaseStudy:
     """Load a case file, or `case.yaml` of a folder.
 
     Raises:
         InputError: one clear line with file, line and key.
     """
-    file, document, spec = read_case(Path(path))
+    file, document, spec = read_case(as_path(path, "case"))
     space = resolve_space(document, spec.space)
     check_vocabulary(document, spec, space)
     context = ResolutionContext(document, space, mode_names(spec.capability), action_names(spec.capability))

@@ -1,1 +1,8 @@
-"""From a case to its model base."""
+"""From a case to its model base.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

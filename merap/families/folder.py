@@ -5,16 +5,37 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
-from merap.errors import OutputError
+from merap.errors import InputError, OutputError
 
 MANIFEST = "manifest.json"
 STAGING = ".merap-"
+# Held while files are put in their place; the thread that ends the process waits for it.
+_placing = threading.RLock()
+_PATIENCE = 10.0  # seconds
+_unfinished: set[Path] = set()
+# Another thread may still write into a folder that is being removed.
+_ATTEMPTS = 10
+
+
+@contextmanager
+def discard_unfinished() -> Iterator[None]:
+    """Wait until files are in their place, remove what is unfinished, and let nothing be written inside.
+
+    For the thread that ends the process: the others go on until they write something.
+    """
+    _placing.acquire(timeout=_PATIENCE)
+    for staging in tuple(_unfinished):
+        for _ in range(_ATTEMPTS):
+            if staging.exists():
+                shutil.rmtree(staging, ignore_errors=True)
+    yield
 
 
 @contextmanager
@@ -32,13 +53,18 @@ def result_folder(path: Path, kind: str) -> Iterator[Path]:
     """
     with _writing(path):
         _require_replaceable(path, kind)
-        staging = Path(tempfile.mkdtemp(prefix=STAGING, dir=_nearest_folder(path)))
+        staging = _nearest_folder(path) / f"{STAGING}{uuid4().hex}"
+        with _placing:
+            _unfinished.add(staging)
+            staging.mkdir()
     try:
         with _writing(path):
             yield staging
-            _take_place(staging, path, kind)
+            with _placing:
+                _take_place(staging, path, kind)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        _unfinished.discard(staging)
 
 
 @contextmanager
@@ -70,6 +96,33 @@ def write_manifest(folder: Path, kind: str, content: Mapping[str, Any], files: S
     entries = [{"file": name, "sha256": _digest(folder / name)} for name in files]
     manifest = {"kind": kind, **content, "files": entries}
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
+def require_unchanged(folder: Path, manifest: Mapping[str, Any], names: Iterable[str]) -> None:
+    """Refuse files of a result that are no longer what was written with its manifest.
+
+    Raises:
+        InputError: names the first of them, or the manifest lists no files.
+    """
+    try:
+        written = {entry["file"]: entry["sha256"] for entry in manifest["files"]}
+    except (KeyError, TypeError) as error:
+        raise InputError("does not list the files of the folder", source=str(folder / MANIFEST)) from error
+    for name in names:
+        path = folder / name
+        try:
+            unchanged = _digest(path) == written.get(name)
+        except OSError as error:
+            why = (
+                "no such file" if isinstance(error, FileNotFoundError) else f"can't be read: {error.strerror}"
+            )
+            raise InputError(why, source=str(path)) from error
+        if not unchanged:
+            raise InputError(
+                f"has changed since this folder was made: its SHA-256 is not that of {MANIFEST}; "
+                "restore the file, or make a new folder from the changed one",
+                source=str(path),
+            )
 
 
 def _digest(path: Path) -> str:
@@ -115,7 +168,7 @@ def write_bytes(path: Path, content: bytes, *, force: bool = False) -> None:
     Raises:
         OutputError: it exists and `force` is not set, or can't be written.
     """
-    with _writing(path):
+    with _writing(path), _placing:
         if path.is_dir():
             raise OutputError(f"{path}: is a folder, expected the name of a file")
         if path.exists() and not force:

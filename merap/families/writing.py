@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from os import PathLike
 from pathlib import Path
 
 from merap.checker.storm import build_text
+from merap.concerns.arguments import as_path
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.families.folder import result_folder, write_manifest
 from merap.prism.rendering import render
 
 
-def render_case(case: CaseStudy, combinations: Iterable[Combination], folder: Path) -> int:
+def render_case(case: CaseStudy, combinations: Iterable[Combination], folder: str | PathLike[str]) -> int:
     """Write `<combination>.prism` for each, and `manifest.json`; return how many.
 
     Same input, same bytes.
@@ -27,7 +29,7 @@ def render_case(case: CaseStudy, combinations: Iterable[Combination], folder: Pa
     return _write_each(case, combinations, folder, "prism", write)
 
 
-def export_case(case: CaseStudy, combinations: Iterable[Combination], folder: Path) -> int:
+def export_case(case: CaseStudy, combinations: Iterable[Combination], folder: str | PathLike[str]) -> int:
     """Build each combination with Storm and write `<combination>.umb`; return how many.
 
     Raises:
@@ -44,11 +46,11 @@ def export_case(case: CaseStudy, combinations: Iterable[Combination], folder: Pa
 def _write_each(
     case: CaseStudy,
     combinations: Iterable[Combination],
-    folder: Path,
+    folder: str | PathLike[str],
     kind: str,
     write: Callable[[Combination, Path], None],
 ) -> int:
-    with result_folder(folder, kind) as staging:
+    with result_folder(as_path(folder, "folder"), kind) as staging:
         names = []
         for combination in combinations:
             names.append(f"{combination.name}.{kind}")

@@ -16,7 +16,7 @@ from merap.learning.meta import MetaPolicy, step_rule
 from merap.learning.metrics import COLUMNS, TIMES, UpdateMetrics, csv_text, read_metrics
 from merap.learning.policy import Parameters
 from merap.learning.progress import Progress
-from merap.learning.run_folder import START_FILE, RunFolder
+from merap.learning.run_folder import START_FILE, RunFolder, resume_command
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import Best, TrainingState, initial_state, policy_network
 from merap.learning.warm_start import begun_from
@@ -58,7 +58,7 @@ def read_policy(run: RunFolder, tasks: TaskBatch, file: str = POLICY_FILE) -> Me
         InputError: training has not ended, or the file does not fit.
     """
     path = run.path / file
-    tensors = _load(path, "training has not ended; go on with `merap train --resume`")
+    tensors = _load(path, f"training has not ended; go on with: {resume_command(run.path)}")
     network = policy_network(tasks, run.config)
     parameters = {name: torch.zeros(shape) for name, shape in network.parameter_shapes.items()}
     step_sizes = {name: torch.zeros((1,) * value.dim()) for name, value in parameters.items()}

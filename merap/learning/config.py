@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 
+from merap.concerns.document import key_text
+from merap.concerns.validation import message
+from merap.errors import InputError
 from merap.learning.core.network import Activation
 from merap.learning.core.surrogate import Baseline
+from merap.program.names import suggestion
 
 Estimator = Literal["exact", "sampled"]
 
@@ -27,9 +38,22 @@ SAMPLED_DEFAULTS: Mapping[str, Any] = {
 
 
 class TrainingConfig(BaseModel):
-    """What `train` does; the defaults are those of the documentation and of every figure in it."""
+    """What `train` does; the defaults are those of the documentation and of every figure in it.
+
+    Raises:
+        InputError: a setting is unknown, or has a value that is not allowed.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """Yield the settings that are not the defaults of their estimator."""
+        defaults = type(self)(estimator=self.estimator)
+        for name, value in self:
+            if value != (
+                type(self).model_fields[name].default if name == "estimator" else getattr(defaults, name)
+            ):
+                yield name, value
 
     estimator: Estimator = Field(
         default="exact",
@@ -119,9 +143,28 @@ class TrainingConfig(BaseModel):
     )
     tensorboard: bool = Field(default=False, description="also write metrics for TensorBoard")
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_plain_words(
+        cls, settings: Any, handler: ModelWrapValidatorHandler[TrainingConfig]
+    ) -> TrainingConfig:
+        try:
+            return handler(settings)
+        except ValidationError as error:
+            raise _refusal(error) from error
+
     @model_validator(mode="before")
     @classmethod
     def _defaults_of_the_estimator(cls, settings: Any) -> Any:
         if isinstance(settings, Mapping) and settings.get("estimator") == "sampled":
             return {**SAMPLED_DEFAULTS, **settings}
         return settings
+
+
+def _refusal(error: ValidationError) -> InputError:
+    """Return pydantic's first complaint in plain words."""
+    details = error.errors(include_url=False)[0]
+    key = key_text(details["loc"])
+    if details["type"] == "extra_forbidden":
+        return InputError(f"unknown setting{suggestion(key, TrainingConfig.model_fields)}", key=key)
+    return InputError(message(details), key=key)

@@ -18,35 +18,39 @@ from __future__ import annotations
 
 import json
 import platform
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
+from merap.concerns.arguments import as_path
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError, OutputError
 from merap.families.build import ModelBase
-from merap.families.folder import MANIFEST, result_folder, write_manifest
+from merap.families.folder import MANIFEST, require_unchanged, result_folder, write_manifest
 from merap.learning.config import TrainingConfig
 from merap.mdp.canonical import canonicalise
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.short_repr import ShortRepr
 from merap.mdp.umb import read_umb, write_umb
 
 KIND = "merap training run"
 CASE_FILE = "case.yaml"
 START_FILE = "start.safetensors"
 BASE_FOLDER = "base"
+# Number of tasks that a warning names.
+MOST_NAMED = 5
 PACKAGES = ("merap", "torch", "stormpy", "numpy")
 
 
-@dataclass(frozen=True, eq=False)
-class RunFolder:
+@dataclass(frozen=True, eq=False, repr=False)
+class RunFolder(ShortRepr):
     """A training run on disk.
 
     Attributes:
@@ -54,12 +58,31 @@ class RunFolder:
         case: the case it was trained for.
         config: its settings.
         names: of the N tasks, in order.
+        cut_off: names of the tasks that can't reach their goal within the horizon.
     """
 
     path: Path
     case: CaseStudy
     config: TrainingConfig
     names: tuple[str, ...]
+    cut_off: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is allowed but probably not meant, one sentence each."""
+        if not self.cut_off:
+            return ()
+        count, of_all = len(self.cut_off), len(self.names)
+        who = "no task" if count == of_all else f"not every task ({of_all - count} of {of_all})"
+        named = ", ".join(self.cut_off[:MOST_NAMED])
+        rest = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""
+        horizon = self.case.combination_at(0).objective.horizon
+        return (f"{who} can reach its goal within {horizon} steps; cut off: {named}{rest}",)
+
+
+def resume_command(path: Path) -> str:
+    """Return the command line that goes on with the run in a folder."""
+    return shlex.join(["merap", "train", "-o", str(path), "--resume"])
 
 
 def require_free(path: Path) -> None:
@@ -69,7 +92,8 @@ def require_free(path: Path) -> None:
         OutputError: it does.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"{path}: exists already; choose another folder, or go on with --resume")
+        other = f", or go on with: {resume_command(path)}" if (path / MANIFEST).is_file() else ""
+        raise OutputError(f"{path}: exists already; choose another folder{other}")
 
 
 @dataclass(frozen=True)
@@ -121,28 +145,46 @@ def create_run(
             "begun_from": None if start is None else {"case": start.case, "digest": start.digest},
             "covered": base.covered,
             "compared": base.compared,
+            "cut_off": list(base.cut_off),
             "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
         }
         write_manifest(staging, KIND, content, files)
-    return RunFolder(path, case, config, base.names)
+    return RunFolder(path, case, config, base.names, base.cut_off)
 
 
-def read_run(path: Path) -> RunFolder:
+def as_run(value: RunFolder | str | PathLike[str]) -> RunFolder:
+    """Return a run, opened if its folder is given.
+
+    Raises:
+        InputError: it is neither, or the folder is not one of a run.
+    """
+    return value if isinstance(value, RunFolder) else read_run(value)
+
+
+def read_run(path: str | PathLike[str]) -> RunFolder:
     """Open the folder of a run.
 
     Raises:
-        InputError: it is not one.
+        InputError: it is not one, or its case has changed since it was made.
     """
-    content = _manifest(path)
+    path = as_path(path, "run")
+    content = read_manifest(path)
     try:
-        config = TrainingConfig.model_validate(content["config"])
+        config = TrainingConfig(**content["config"])
         names = tuple(str(name) for name in content["tasks"])
-    except (KeyError, TypeError, ValidationError) as error:
+        cut_off = tuple(str(name) for name in content.get("cut_off", ()))
+    except (KeyError, TypeError, InputError) as error:
         raise InputError("is not that of a training run", source=str(path / MANIFEST)) from error
-    return RunFolder(path, load_case(path / CASE_FILE), config, names)
+    require_unchanged(path, content, [CASE_FILE])
+    return RunFolder(path, load_case(path / CASE_FILE), config, names, cut_off)
 
 
-def _manifest(path: Path) -> Mapping[str, Any]:
+def read_manifest(path: Path) -> Mapping[str, Any]:
+    """Return the manifest of a run's folder.
+
+    Raises:
+        InputError: there is none, or it is not that of a training run.
+    """
     try:
         content = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -158,16 +200,18 @@ def read_tasks(run: RunFolder) -> list[TabularMDP]:
     """The canonical models of a run's base.
 
     Raises:
-        InputError: an archive is missing or damaged.
+        InputError: an archive is missing, damaged or has changed.
     """
+    archives = [f"{BASE_FOLDER}/{name}.umb" for name in run.names]
+    require_unchanged(run.path, read_manifest(run.path), archives)
     combination = run.case.combination_at(0)
     variables = (*run.case.space.variable_names, MODE_VARIABLE)
     return [
         canonicalise(
-            read_umb(run.path / BASE_FOLDER / f"{name}.umb"),
+            read_umb(run.path / archive),
             pair_valuations(combination),
             variables,
             run.case.actions,
         )
-        for name in run.names
+        for archive in archives
     ]

@@ -6,14 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from merap.concerns.document import key_text
-from merap.concerns.validation import message
 from merap.concerns.yaml_file import read_document, read_value
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
-from merap.program.names import suggestion
 
 MAX_SHOWN = 100
 
@@ -40,7 +35,7 @@ def read_config(
         settings |= _checked(_parsed(word, source), source)
     options = {name: value for name, value in given.items() if value is not None}
     settings |= _checked(options, "options")
-    return TrainingConfig.model_validate(settings)
+    return TrainingConfig(**settings)
 
 
 def _parsed(word: str, source: str) -> Mapping[str, Any]:
@@ -50,18 +45,10 @@ def _parsed(word: str, source: str) -> Mapping[str, Any]:
     return {key: read_value(text, source, key)}
 
 
-def _checked(settings: Mapping[str, Any], source: str) -> Mapping[str, Any]:
+def _checked(settings: Mapping[Any, Any], source: str) -> Mapping[str, Any]:
     """The same, if each is a setting with an allowed value."""
-    for key in settings:
-        if key not in TrainingConfig.model_fields:
-            raise InputError(
-                f"unknown setting{suggestion(str(key), TrainingConfig.model_fields)}",
-                source=source,
-                key=key_text((str(key),)),
-            )
     try:
-        TrainingConfig.model_validate(settings)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise InputError(message(first), source=source, key=key_text(first["loc"])) from error
+        TrainingConfig(**{str(key): value for key, value in settings.items()})
+    except InputError as error:
+        raise InputError(error.message, source=source, key=error.key) from error
     return settings

@@ -1,1 +1,8 @@
-"""The MAPE-K loop: monitor, analyzer, planner, executor, learner, and scenarios to run it in."""
+"""The MAPE-K loop: monitor, analyzer, planner, executor, learner, and scenarios to run it in.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

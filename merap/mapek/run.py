@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from os import PathLike
 from typing import Any
 
+from merap.concerns.arguments import as_instance, as_text
 from merap.errors import InputError
-from merap.knowledge.base import KnowledgeBase
+from merap.knowledge.base import KnowledgeBase, open_knowledge
+from merap.knowledge.engine import url_of
 from merap.knowledge.event_log import JsonLines
 from merap.learning.checkpoint import POLICY_FILE
-from merap.learning.run_folder import RunFolder
+from merap.learning.run_folder import RunFolder, as_run
 from merap.learning.threads import one_thread
 from merap.mapek.components import Guard, make_components, unguarded
 from merap.mapek.connecting import connected
@@ -19,7 +22,7 @@ from merap.mapek.loop import Components, Loop
 from merap.mapek.managers import MERAP
 from merap.mapek.records import EpisodeLog, EpisodeRow
 from merap.mapek.run_store import NO_HISTORY, RecordedEpisode, RunHistory, RunStore, read_history
-from merap.mapek.scenario import Scenario
+from merap.mapek.scenario import Scenario, as_scenario
 from merap.mapek.scores import LoopReport, reactions
 from merap.systems.interface import SystemFault
 
@@ -29,11 +32,11 @@ GONE = 3
 
 
 def run_loop(
-    run: RunFolder,
-    scenario: Scenario,
+    run: RunFolder | str | PathLike[str],
+    scenario: Scenario | str | PathLike[str],
     *,
     manager: str = MERAP,
-    knowledge: KnowledgeBase | None = None,
+    knowledge: KnowledgeBase | str | PathLike[str] | None = None,
     lines: JsonLines | None = None,
     resume: bool = False,
     guard: Guard = unguarded,
@@ -44,10 +47,10 @@ def run_loop(
     A system that is not simulated may be gone for a while: then the run ends early, and `resume` goes on.
 
     Args:
-        run: a finished training run.
-        scenario: the system, and its changes.
+        run: a finished training run, or its folder.
+        scenario: the system, and its changes; or the path of a scenario file.
         manager: one of `managers.MANAGERS`.
-        knowledge: the base in which the run is recorded; None: it is not recorded.
+        knowledge: the base in which the run is recorded, open, or its URL or path; None: it is not recorded.
         lines: file to which the log of a recorded run is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
@@ -60,6 +63,22 @@ def run_loop(
             to go on with.
         SystemFault: the system can't be reached, before any episode.
     """
+    run, manager = as_run(run), as_text(manager, "manager")
+    scenario = as_scenario(scenario)
+    if isinstance(knowledge, str | PathLike):
+        with open_knowledge(url_of(str(knowledge))) as opened:
+            return run_loop(
+                run,
+                scenario,
+                manager=manager,
+                knowledge=opened,
+                lines=lines,
+                resume=resume,
+                guard=guard,
+                on_episode=on_episode,
+            )
+    if knowledge is not None:
+        as_instance(knowledge, KnowledgeBase, "knowledge")
     number, history = None, NO_HISTORY
     if resume:
         if knowledge is None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
+from merap.concerns.arguments import as_path
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.concerns.document import Document, KeyPath
@@ -141,13 +142,22 @@ def _changed(before: Combination, after: Combination) -> tuple[str, ...]:
     return tuple(concern for concern in CONCERNS if differs(concern))
 
 
-def read_scenario(path: str | Path) -> Scenario:
+def as_scenario(value: Scenario | str | PathLike[str]) -> Scenario:
+    """Return a scenario, read if the path of its file is given.
+
+    Raises:
+        InputError: it is neither, or the file is wrong.
+    """
+    return value if isinstance(value, Scenario) else read_scenario(value)
+
+
+def read_scenario(path: str | PathLike[str]) -> Scenario:
     """Read a scenario file.
 
     Raises:
         InputError: one clear line with file, line and key.
     """
-    document = read_document(Path(path))
+    document = read_document(as_path(path, "scenario"))
     spec = validate(document, ScenarioSpec)
     with document.at("scenario"):
         check_name(spec.scenario, "a scenario")

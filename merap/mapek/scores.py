@@ -14,6 +14,7 @@ import numpy as np
 
 from merap.mapek.records import EpisodeRow
 from merap.mapek.scenario import Stage
+from merap.mdp.short_repr import ShortRepr
 from merap.strategies.evaluation import Range, lasting
 from merap.systems.interface import SystemFault
 
@@ -48,8 +49,8 @@ class Reaction:
     step: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class LoopReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopReport(ShortRepr):
     """A run of the loop.
 
     Attributes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
 from merap.mdp.csr import pointers_of, ragged_indices
 from merap.mdp.model import Bools, Ints, TabularMDP
@@ -74,6 +74,23 @@ def _closure(pointers: Ints, successors: Ints, sources: Bools) -> Bools:
     mask = np.zeros(size + 1, dtype=np.bool_)
     mask[found] = True
     return mask[:size]
+
+
+def fewest_steps(mdp: TabularMDP, target: Bools) -> float:
+    """Return the number of steps on the shortest path from an initial state to the target.
+
+    Args:
+        mdp: the model.
+        target: bool [S].
+
+    Returns:
+        0 if an initial state is in the target, infinity if no path leads there.
+    """
+    pointers = mdp.choice_to_branch[mdp.state_to_choice]
+    shape = (mdp.num_states, mdp.num_states)
+    graph = csr_array((np.ones(len(mdp.branch_target)), mdp.branch_target, pointers), shape=shape)
+    steps = dijkstra(graph, indices=np.flatnonzero(mdp.initial), unweighted=True, min_only=True)
+    return float(steps[target].min(initial=np.inf))
 
 
 def attractor(mdp: TabularMDP, target: Bools) -> Bools:

@@ -12,6 +12,7 @@ import jinja2
 import numpy as np
 
 from merap.concerns.combination import Combination
+from merap.concerns.lookup import as_combination
 from merap.mdp.model import Bools, TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.prism.capability_text import capability_text
@@ -32,7 +33,11 @@ def render(combination: Combination) -> str:
     """The PRISM model of a combination: modules `space`, `capability` and `objective`.
 
     The text depends on the combination alone: same input, same bytes.
+
+    Raises:
+        InputError: it is no combination.
     """
+    as_combination(combination)
     return _render(combination, combination.objective.start > 0, with_objective=True)
 
 

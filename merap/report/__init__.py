@@ -1,1 +1,8 @@
-"""Pictures: maps with policies and paths, adaptation curves."""
+"""Pictures: maps with policies and paths, adaptation curves.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

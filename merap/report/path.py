@@ -15,9 +15,14 @@ from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
 
-Ending: TypeAlias = Literal["completed", "loop", "open"]
+Ending: TypeAlias = Literal["completed", "ended", "loop", "open"]
 
-_NOTES: dict[Ending, str] = {"completed": "(done)", "loop": "(loop)", "open": "(not completed)"}
+_NOTES: dict[Ending, str] = {
+    "completed": "(done)",
+    "ended": "(ended)",
+    "loop": "(loop)",
+    "open": "(not completed)",
+}
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,8 @@ class RoutePath:
         names: T + 1 names of these locations.
         actions: T names of actions.
         modes: T + 1 names of modes; empty where they were not recorded.
-        ending: the task was completed; or it would go round for ever; or neither is known.
+        ending: the task was completed; or it ended where no goal is; or it would go round for ever; or
+            nothing of that is known.
         label: what the path shows, for a legend.
     """
 
@@ -58,7 +64,7 @@ class RoutePath:
         moves = zip(self.actions, self.names, self.names[1:], strict=False)
         steps = [f"-{action}-> {there}" if here != there else f"[{action}]" for action, here, there in moves]
         closing = _NOTES[self.ending]
-        if self.completed and steps and steps[-1].startswith("["):
+        if self.ending in {"completed", "ended"} and steps and steps[-1].startswith("["):
             closing = f"({steps.pop()[1:-1]})"
         for step, repeats in groupby(steps):
             count = sum(1 for _ in repeats)
@@ -96,7 +102,7 @@ def most_likely_path(
         names=tuple(combination.space.locations[location] for location in locations),
         actions=tuple(mdp.action_names[action] for action in actions),
         modes=tuple(combination.modes[mode] for mode in modes),
-        ending=ending,
+        ending=_judged(ending, combination, int(locations[-1])),
         label=label,
     )
 
@@ -116,7 +122,7 @@ def sampled_path(
         combination: whose locations these are.
         steps: T pairs of a location's index and the action taken there.
         last: the location after the last step.
-        completed: whether the task was completed.
+        completed: whether the task came to an end.
         modes: T + 1 names, if they were recorded.
         label: for the legend.
     """
@@ -126,9 +132,15 @@ def sampled_path(
         names=tuple(combination.space.locations[location] for location in locations),
         actions=tuple(action for _, action in steps),
         modes=tuple(modes),
-        ending="completed" if completed else "open",
+        ending=_judged("completed" if completed else "open", combination, last),
         label=label,
     )
+
+
+def _judged(ending: Ending, combination: Combination, last: int) -> Ending:
+    """Return `ended` for a task with a goal that came to an end elsewhere, else the same."""
+    goal = combination.objective.goal
+    return "ended" if ending == "completed" and goal.any() and not goal[last] else ending
 
 
 def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:

@@ -18,8 +18,11 @@ from merap.report.style import INK, Entry, Line, heading, mark
 _WIDTH = 2.6
 _GAP_ON_GRID = 0.34
 _GAP_ON_GRAPH = 0.6
+# Radius of a location in points, on a grid and on a graph, down to which lines and marks keep their size.
+_USUAL_RADIUS = {True: 18.0, False: 10.0}
 _OUTCOMES: dict[Ending, str] = {
     "completed": "completed in {} steps",
+    "ended": "ended in {} steps, not completed",
     "loop": "not completed, stuck in a loop",
     "open": "not completed in {} steps",
 }
@@ -44,7 +47,7 @@ def draw_routes(
     for index, (path, line) in enumerate(paths):
         side = (index - middle) * gap
         end = _draw_way(panel, path, line, side)
-        panel.axes.add_line(_end_mark(path, line.colour, end))
+        panel.axes.add_line(_end_mark(path, line.colour, end, _scale(panel)))
         entries.append(_entry(path, line))
     entries += _draw_innate(panel, [path for path, _ in paths])
     return entries
@@ -56,6 +59,11 @@ def _oppose(paths: Sequence[RoutePath]) -> bool:
     return any(here != there and (there, here) in hops for here, there in hops)
 
 
+def _scale(panel: Panel) -> float:
+    """Return the size of lines and marks, so that they leave the goal to be seen on small cells."""
+    return min(1.0, panel.extent.radius_in_points / _USUAL_RADIUS[panel.extent.is_grid])
+
+
 def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
     """Draw line and arrow heads; the point where they end."""
     visited = [path.locations[0], *(there for here, there in pairwise(path.locations) if here != there)]
@@ -64,12 +72,13 @@ def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
         return alone
     points, middle = panel.lines.along(visited)
     moved: Floats = offset_line(points, side)
-    panel.axes.plot(*moved.T, color="white", linewidth=_WIDTH + 2, solid_joinstyle="round", zorder=5.5)
+    width = _WIDTH * _scale(panel)
+    panel.axes.plot(*moved.T, color="white", linewidth=1.8 * width, solid_joinstyle="round", zorder=5.5)
     panel.axes.plot(
         *moved.T,
         color=line.colour,
         linestyle=line.style,
-        linewidth=_WIDTH,
+        linewidth=width,
         solid_joinstyle="round",
         solid_capstyle="round",
         zorder=6,
@@ -80,23 +89,25 @@ def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
     size = (0.5 if panel.extent.is_grid else 1.0) * panel.extent.radius
     heads = triangles(centres, directions, size)
     panel.axes.add_collection(
-        PolyCollection(list(heads), facecolors=line.colour, edgecolors="white", linewidths=0.6, zorder=6.5)
+        PolyCollection(
+            list(heads), facecolors=line.colour, edgecolors="white", linewidths=0.25 * width, zorder=6.5
+        )
     )
     end: Floats = moved[-1]
     return end
 
 
-def _end_mark(path: RoutePath, colour: str, place: Floats | None = None) -> Line2D:
+def _end_mark(path: RoutePath, colour: str, place: Floats | None = None, scale: float = 1.0) -> Line2D:
     """A dot or a cross; without a place, for the legend."""
     return Line2D(
         [] if place is None else place[:1],
         [] if place is None else place[1:],
         linestyle="none",
         marker="o" if path.completed else "X",
-        markersize=8 if path.completed else 10,
+        markersize=scale * (8 if path.completed else 10),
         markerfacecolor=colour,
         markeredgecolor="white",
-        markeredgewidth=1.2,
+        markeredgewidth=1.2 * scale,
         zorder=8,
         gid="end of path",
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from io import BytesIO
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,9 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from merap.concerns.arguments import as_path
 from merap.errors import OutputError
+from merap.families.folder import write_bytes
 
 # Without a date and the version of a library, so that the same picture gives the same bytes.
 _METADATA: dict[str, dict[str, str | None]] = {
@@ -25,7 +27,7 @@ DOTS_PER_INCH = 160
 _SETTINGS: dict[Any, Any] = {"svg.hashsalt": "merap", "svg.fonttype": "path"}
 
 
-def save_figure(figure: Figure, path: Path, *, force: bool = False) -> tuple[Path, ...]:
+def save_figure(figure: Figure, path: str | PathLike[str], *, force: bool = False) -> tuple[Path, ...]:
     """Write a picture whole or not at all; return the files written.
 
     Args:
@@ -38,12 +40,12 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> tuple[Pat
         OutputError: another picture format; a file exists and `force` is not set; or it can't
             be written.
     """
-    files = _files(path)
+    files = _files(as_path(path, "path"))
     for file in files:
         if file.exists() and not force:
             raise OutputError(f"{file}: exists already; choose another name or remove it")
     for file in files:
-        _write(file, figure_bytes(figure, file.suffix.lower()))
+        write_bytes(file, figure_bytes(figure, file.suffix.lower()), force=True)
     return files
 
 
@@ -62,15 +64,3 @@ def _files(path: Path) -> tuple[Path, ...]:
     if suffix[1:] in FigureCanvasAgg.filetypes:
         raise OutputError(f"{path}: {suffix[1:]} is not offered; allowed: {', '.join(FORMATS)}")
     return tuple(path.with_name(path.name + format_) for format_ in FORMATS)
-
-
-def _write(path: Path, content: bytes) -> None:
-    staging = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        staging.write_bytes(content)
-        staging.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            staging.unlink()
-        raise OutputError(f"{path}: can't be written: {error.strerror}") from error

@@ -45,7 +45,7 @@ def draw_timeline(report: LoopReport) -> Figure:
     _draw_values(axes, report.rows)
     _draw_events(axes, report.rows)
     _draw_changes(axes, report.reactions, report.rows)
-    title = f"{report.scenario}, managed by {report.manager}"
+    title = f"{report.case}: {report.scenario}, managed by {report.manager}"
     axes.set_title(title, fontsize=TITLE_SIZE, fontweight="bold", color=INK, loc="left", pad=18)
     axes.set_xlim(-0.5, len(report.rows) - 0.5)
     axes.set_xlabel("episode", fontsize=FONT_SIZE + 1, color=INK)

@@ -1,1 +1,8 @@
-"""Safety masks that hold for every model still credible: what may be done at what risk."""
+"""Safety masks that hold for every model still credible: what may be done at what risk.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

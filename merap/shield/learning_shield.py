@@ -13,6 +13,8 @@ import numpy as np
 
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
+from merap.concerns.arguments import as_number
+from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.shield.credible_tracker import CredibleTracker
 from merap.shield.outcomes import OutcomeSets
@@ -29,10 +31,17 @@ class ShieldSettings:
     Attributes:
         threshold: lambda, on the probability of ever reaching an unsafe state in an episode.
         hazard_prior: see `hazards`.
+
+    Raises:
+        InputError: the threshold is no probability.
     """
 
     threshold: float
     hazard_prior: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= as_number(self.threshold, "shield") <= 1:
+            raise InputError(f"the threshold of a shield must be in [0, 1], it is {self.threshold}")
 
 
 class LearningShield:

@@ -1,1 +1,8 @@
-"""Adaptation strategies behind one interface (`merap.systems.strategy.Strategy`)."""
+"""Adaptation strategies behind one interface (`merap.systems.strategy.Strategy`).
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

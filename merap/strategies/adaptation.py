@@ -5,38 +5,43 @@ Axes: B episodes, T steps, S states, A actions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from os import PathLike
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from merap.concerns.arguments import as_count, as_instance, as_seeds, as_text
 from merap.concerns.combination import Combination
-from merap.errors import InputError
-from merap.learning.run_folder import RunFolder
+from merap.concerns.lookup import as_system
+from merap.errors import InputError, warn_of
+from merap.families.build import cut_off_warnings
+from merap.learning.run_folder import RunFolder, as_run
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.short_repr import ShortRepr
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Safety, total
-from merap.strategies.adaptation_problem import (
+from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
+from merap.strategies.problem import (
     UNDISTURBED,
     AdaptationProblem,
     Conditions,
     adaptation_problem,
 )
-from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
-from merap.strategies.protocol import adaptation
-from merap.strategies.registry import ALL, GRADIENT, PRETRAINED, parse_strategy
+from merap.strategies.protocol import adaptation_rows
+from merap.strategies.registry import ALL, BELIEF, PRETRAINED, parse_strategy
 from merap.systems.strategy import Strategy
 
 OnStep = Callable[[], None]
 Reasons: TypeAlias = tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Adaptation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Adaptation(ShortRepr):
     """Several adaptations to one system, which differ in their seed.
 
     Attributes:
@@ -87,16 +92,16 @@ class Adaptation:
 
 
 def adapt(
-    run: RunFolder,
-    system: Combination,
+    run: RunFolder | str | PathLike[str],
+    system: Combination | str,
     *,
-    strategy: str = GRADIENT,
+    strategy: str = BELIEF,
     episodes_per_step: int = 35,
     steps: int = 30,
     max_episodes: int | None = None,
-    seeds: Sequence[int] = (0,),
+    seeds: int | str | Iterable[int] = 0,
     conditions: Conditions = UNDISTURBED,
-    shield: ShieldSettings | None = None,
+    shield: ShieldSettings | float | None = None,
     on_step: OnStep = lambda: None,
 ) -> Adaptation:
     """Adapt to a simulated system, once for each seed.
@@ -104,15 +109,16 @@ def adapt(
     The result of a seed does not depend on the other seeds.
 
     Args:
-        run: a finished training run.
-        system: an online system or a combination of the run's case.
+        run: a finished training run, or its folder.
+        system: an online system or a combination of the run's case, or its name.
         strategy: one of `registry.STRATEGIES`.
         episodes_per_step: B, of strategies that take gradient steps.
         steps: policy updates.
         max_episodes: real episodes at most, in place of `steps`.
-        seeds: of the episodes.
+        seeds: of the episodes: one, several, or a text such as `0:5`.
         conditions: of its episodes.
-        shield: keeps actions, exploration and the learned policy within a threshold; None: there is none.
+        shield: keeps actions, exploration and the learned policy within a threshold, which alone may be
+            given; None: there is none.
         on_step: called after each policy update of each seed.
 
     Raises:
@@ -120,11 +126,24 @@ def adapt(
             condition is out of range, the episodes are too few for one policy update, or the system can't
             begin another one.
     """
-    require_adaptable(strategy, seeds)
+    chosen = as_seeds(seeds)
+    require_adaptable(as_text(strategy, "strategy"), chosen)
+    steps = as_count(steps, "steps")
+    episodes_per_step = as_count(episodes_per_step, "episodes_per_step")
+    max_episodes = None if max_episodes is None else as_count(max_episodes, "max_episodes")
+    run = as_run(run)
+    system = as_system(run.case, system)
+    warn_of((*run.warnings, *cut_off_warnings(system)))
+    if isinstance(shield, float | int):
+        shield = ShieldSettings(shield)
     problem = adaptation_problem(
-        run, system, episodes_per_step=episodes_per_step, conditions=conditions, shield=shield
+        run,
+        system,
+        episodes_per_step=episodes_per_step,
+        conditions=as_instance(conditions, Conditions, "conditions"),
+        shield=None if shield is None else as_instance(shield, ShieldSettings, "shield"),
     )
-    return adapt_to(problem, strategy, steps=steps, max_episodes=max_episodes, seeds=seeds, on_step=on_step)
+    return adapt_to(problem, strategy, steps=steps, max_episodes=max_episodes, seeds=chosen, on_step=on_step)
 
 
 def require_adaptable(strategy: str, seeds: Sequence[int]) -> None:
@@ -193,7 +212,7 @@ def _followed(
     truth = problem.truth
     before = executed(truth.model, strategy.policy())
     rows, reasons = [], []
-    for row in adaptation(counted, strategy, truth.value, max_episodes):
+    for row in adaptation_rows(counted, strategy, truth.value, max_episodes):
         rows.append(row)
         reasons.append(strategy.explain())
         if row.step:
@@ -203,8 +222,8 @@ def _followed(
     return run, before, executed(truth.model, strategy.policy()), safety, tuple(reasons)
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spread(ShortRepr):
     """The spread of the policies that are learned for one combination each, and not adapted.
 
     Attributes:

@@ -11,8 +11,8 @@ from merap.learning.meta import MetaPolicy
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.strategies.adaptation import OnStep
-from merap.strategies.adaptation_problem import adaptation_problem
 from merap.strategies.gradient import GradientStrategy
+from merap.strategies.problem import adaptation_problem
 from merap.strategies.protocol import episode
 
 

@@ -18,6 +18,7 @@ from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.mdp.reserved_names import COMPLETE_LABEL
+from merap.mdp.short_repr import ShortRepr
 
 WITHIN = 0.05
 SOLVED = 0.02
@@ -108,8 +109,8 @@ def executed(model: TabularMDP, policy: Floats) -> Floats:
     return shares
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(ShortRepr):
     """One adaptation.
 
     Attributes:

@@ -13,14 +13,15 @@ import numpy as np
 from merap.concerns.combination import Combination
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import optimum
+from merap.mdp.short_repr import ShortRepr
 from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.supervision import unsafe_of
 from merap.strategies.evaluation import Range, evaluator, reachable_range
 from merap.systems.slip import slipping_model
 
 
-@dataclass(frozen=True, eq=False)
-class GroundTruth:
+@dataclass(frozen=True, eq=False, repr=False)
+class GroundTruth(ShortRepr):
     """A simulated system as it really is; a figure that takes time is computed when first asked for.
 
     Attributes:

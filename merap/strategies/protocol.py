@@ -11,7 +11,7 @@ from merap.systems.interface import ManagedSystem
 from merap.systems.strategy import Strategy
 
 
-def adaptation(
+def adaptation_rows(
     system: ManagedSystem, strategy: Strategy, evaluate: Evaluator, max_episodes: int
 ) -> Iterator[Row]:
     """Let a strategy adapt; yield a row before any episode and one after every policy update.

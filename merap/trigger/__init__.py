@@ -1,1 +1,8 @@
-"""When to re-plan: the paper's threshold on a window's reward, and a change detector."""
+"""When to re-plan: the paper's threshold on a window's reward, and a change detector.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -100,7 +100,13 @@ def adaptation(
             run = train(study, Path(folder) / "run", TrainingConfig(seed=seed))
             seconds.append(time.perf_counter() - begin)
             for episodes in EPISODES_PER_STEP:
-                found = adapt(run, study.system("met"), episodes_per_step=episodes, seeds=range(seeds))
+                found = adapt(
+                    run,
+                    study.system("met"),
+                    strategy="gradient",
+                    episodes_per_step=episodes,
+                    seeds=range(seeds),
+                )
                 rows[episodes].append([one.steps_to_within_5_percent for one in found.runs])
     figures["training_seconds_median"] = statistics.median(seconds)
     figures["training_seconds_max"] = max(seconds)

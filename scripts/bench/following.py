@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from merap.concerns.case_study import CaseStudy
 from merap.mdp.model import TabularMDP
 from merap.strategies.evaluation import Range, Row, Run, evaluator, judged, lasting
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.systems.interface import ManagedSystem
 from merap.systems.strategy import Strategy
 
@@ -73,7 +73,7 @@ def followed(
         lengths: how long it is followed.
     """
     rows: list[Row] = []
-    for row in adaptation(system, strategy, evaluator(model, horizon), lengths.most):
+    for row in adaptation_rows(system, strategy, evaluator(model, horizon), lengths.most):
         rows.append(row)
         near = [reachable.within_5_percent(one.expected_return) for one in rows]
         if row.episodes >= lengths.least and lasting(near) is not None:

@@ -11,8 +11,8 @@ import numpy as np
 from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.strategies.adaptation import best_median_worst, values_of_pretrained
-from merap.strategies.adaptation_problem import AdaptationProblem, Conditions, adaptation_problem
 from merap.strategies.evaluation import Run, summary
+from merap.strategies.problem import AdaptationProblem, Conditions, adaptation_problem
 from merap.strategies.registry import ALL, PRETRAINED, STRATEGIES
 from scripts.bench.following import Lengths, NoiseCondition, followed, outside_of
 

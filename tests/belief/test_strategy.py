@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -103,6 +104,14 @@ def test_it_says_which_outcomes_it_believes_in_and_what_it_cannot_tell_apart() -
     for line, kind in zip(lines[2:], ("not told apart so far", "never to be told apart"), strict=True):
         assert line.startswith(kind)
         assert "unknown obstacles." in line
+
+
+def test_what_is_next_to_nothing_is_said_to_be_0() -> None:
+    """Six episodes without noise leave less than 1e-100 for it."""
+    _, strategy = run("paper-grid/rq1-3.yaml", 0, episodes=6)
+    line = strategy.explain()[1]
+    assert line.endswith("noise 0")
+    assert not re.search(r"\de-\d", line)
 
 
 def test_a_seed_repeats_itself() -> None:

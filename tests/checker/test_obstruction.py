@@ -68,6 +68,17 @@ def test_blocked_edges_are_named_by_their_ends() -> None:
     assert obstruction(combination) == "cut off by blocked edges B to G (environment e)"
 
 
+def test_an_edge_of_two_labels_is_named_once() -> None:
+    graph = graph_combination()
+    target = graph.space.target.copy()
+    target[2, 1] = target[2, 0]
+    twofold = replace(graph, space=replace(graph.space, target=target))
+    edges = np.zeros((4, 3), dtype=np.bool_)
+    edges[2, :2] = True
+    combination = only_goal_at(3, with_environment(twofold, blocked_edges=edges))
+    assert obstruction(combination) == "cut off by blocked edges B to G (environment e)"
+
+
 def test_moves_that_no_action_makes_are_named() -> None:
     graph = graph_combination()
     west = ExternalAction("back", (Outcome(1, number(1)),), "stay")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -16,6 +17,7 @@ import pytest
 from merap.learning.config import TrainingConfig
 from merap.learning.run_folder import RunFolder, read_run
 from tests.support.command_line import command, merap, refused
+from tests.support.paths import MODELS
 from tests.support.trained_runs import (
     ONE_OF_THREE,
     SMALL,
@@ -121,7 +123,8 @@ def test_adapt_writes_its_curves_as_json_and_pictures(finished: RunFolder, tmp_p
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "expected return" in done.stdout
-    assert set(contents(out)) == {"curve.png", "curve.svg", "map.png", "map.svg"}
+    assert set(contents(out)) == {"report.json", "curve.png", "curve.svg", "map.png", "map.svg"}
+    assert (out / "report.json").read_text() == report.read_text()
     found = json.loads(report.read_text())
     assert list(found) == [
         *("system", "reward_noise", "slip", "reset"),
@@ -202,6 +205,32 @@ def test_adapt_refuses_what_there_is_not(
     report = tmp_path / "adaptation.json"
     assert complaint in refused("adapt", finished.path, *arguments, "--json", report)
     assert not report.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["adapt", "RUN"],
+        ["export-policy", "RUN", "-o", "RUN/policy.csv"],
+        ["run", "RUN", "--scenario", MODELS / "running-example" / "three-changes.yaml"],
+        ["train", "-o", "RUN", "--resume"],
+        ["train", ONE_OF_THREE, "--from", "RUN", "-o", "RUN/next"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_run_whose_case_was_edited_is_one_line(
+    finished: RunFolder, tmp_path: Path, arguments: list[object]
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(finished.path, run)
+    case = run / "case.yaml"
+    case.write_text(case.read_text().replace("value: 10", "value: 11"))
+    before = contents(run)
+    line = refused(*(str(word).replace("RUN", str(run)) for word in arguments))
+    assert line.startswith(
+        f"error: {case}: has changed since this folder was made: its SHA-256 is not that of"
+    )
+    assert contents(run) == before
 
 
 def test_adapt_says_where_it_is_too_short_to_tell_and_prints_the_last_row(finished: RunFolder) -> None:

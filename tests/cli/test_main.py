@@ -91,7 +91,7 @@ def test_a_property_over_its_time_is_one_line_and_exits_with_3(tmp_path: Path) -
     assert row.split() == ["e.c.o", "0.5", "0", "0", "timeout"]
     assert lines == [
         """timeout: e.c.o: property 'Pmax=? [F<=2000000000 "goal"]': not done within 4 s""",
-        "1 combinations, 4 verdicts, 0 false, 1 without an answer",
+        "1 combination, 4 verdicts, 0 false, 1 without an answer",
     ]
     # a false verdict is known, whatever is not
     false = """    sure: 'Pmin>0.5 [F "goal"]'"""

@@ -35,7 +35,7 @@ def test_an_adapted_policy_as_a_chain(finished: RunFolder, tmp_path: Path) -> No
     options = ["--format", "prism", "--system", "met", "--adapt-steps", "1", "--episodes-per-step", "3"]
     done = merap("export-policy", finished.path, *options, "-o", out)
     assert done.returncode == 0, done.stderr
-    title = "paper_rq1_3 on met: 1 gradient steps of 3 episodes, seed 0"
+    title = "paper_rq1_3 on met: 1 gradient step of 3 episodes, seed 0"
     assert done.stdout == f"{title}; wrote {out}\n"
     assert out.read_text().startswith(f"// {title}\n")
     value = build_file(out).check('R{"objective"}=? [C<=18]').value

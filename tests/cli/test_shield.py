@@ -23,7 +23,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 @pytest.mark.slow
 def test_a_shielded_strategy_violates_nothing_and_the_report_says_so(run: RunFolder, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
-    options = ("--episodes-per-step", "3", "--steps", "1", "--seeds", "0:2")
+    options = ("--strategy", "gradient", "--episodes-per-step", "3", "--steps", "1", "--seeds", "0:2")
     done = merap("adapt", run.path, *options, "--shield", "0", "--json", report)
     assert done.returncode == 0, done.stderr
     safety = json.loads(report.read_text())["safety"]

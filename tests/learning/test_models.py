@@ -27,7 +27,7 @@ from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
 from merap.strategies.evaluation import evaluator
 from merap.strategies.gradient import GradientStrategy
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.systems.gymnasium import GymnasiumSystem
 from tests.support.learning_examples import seeded
 from tests.support.mdp_examples import jump_grid
@@ -143,7 +143,7 @@ def test_adaptation_through_reset_and_step() -> None:
     model = import_gymnasium(env)
     strategy = GradientStrategy(lakes().meta, model.valuations, 35, np.random.default_rng(1))
     with GymnasiumSystem(env, seed=0) as system:
-        rows = adaptation(system, strategy, evaluator(model, HORIZON), max_episodes=35 * 5)
+        rows = adaptation_rows(system, strategy, evaluator(model, HORIZON), max_episodes=35 * 5)
         curve = [row.expected_return for row in rows]
     assert len(curve) == 6
     assert curve[-1] > curve[0] + 0.2, curve

@@ -96,7 +96,7 @@ def test_storm_gives_the_chain_the_value_of_the_policy(run: RunFolder, meta: Met
 def test_an_adapted_policy_is_the_one_that_adapting_ends_with(run: RunFolder) -> None:
     met = run.case.system("met")
     meta = adapted_policy(run, met, steps=2, episodes_per_step=4, seed=3)
-    found = adapt(run, met, steps=2, episodes_per_step=4, seeds=[3])
+    found = adapt(run, met, strategy="gradient", steps=2, episodes_per_step=4, seeds=[3])
     ours = tabulate(meta, [found.model]).with_end
     reachable = found.model.reachable
     np.testing.assert_allclose(ours[reachable], found.after[reachable], atol=1e-6)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,46 @@ def test_what_is_no_folder_is_not_a_run(tmp_path: Path) -> None:
     refused(tmp_path)
     (tmp_path / "file").write_text("mine")
     refused(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("goal: [4, 4]", "goal: [4, 5]"),
+        lambda text: text + "# a remark\n",
+        lambda text: "case: [",
+        lambda text: "",
+    ],
+)
+def test_a_run_whose_case_was_edited_is_refused(run: Path, change: Callable[[str], str]) -> None:
+    case = run / "case.yaml"
+    case.write_text(change(case.read_text()))
+    assert refused(run).startswith(f"{case}: has changed since this folder was made")
+
+
+def test_a_run_whose_case_is_a_folder_is_refused(run: Path) -> None:
+    (run / "case.yaml").unlink()
+    (run / "case.yaml").mkdir()
+    assert "can't be read" in refused(run)
+
+
+def test_a_base_that_was_edited_is_refused(run: Path) -> None:
+    """A model of another member, for example, that reads well."""
+    one, other = (run / "base" / f"{name}.umb" for name in TASKS[:2])
+    one.write_bytes(other.read_bytes())
+    with pytest.raises(InputError, match=r"no_entry_r3c4.middle.umb: has changed since"):
+        read_tasks(read_run(run))
+
+
+def test_a_case_with_a_space_file_reads_back(tmp_path: Path) -> None:
+    """The run holds both in one file."""
+    text = (MODELS / "paper-grid" / "rq1-3.yaml").read_text()
+    grid = "grid: {rows: 9, cols: 9, moves: {up: [-1, 0], down: [1, 0], left: [0, -1], right: [0, 1]}}"
+    (tmp_path / "space.yaml").write_text(grid)
+    (tmp_path / "case.yaml").write_text(text.replace(f"  {grid}", "  file: space.yaml"))
+    study = load_case(tmp_path)
+    create_run(tmp_path / "run", study, build_base(study), SMALL)
+    assert read_run(tmp_path / "run").names == TASKS
 
 
 def test_a_run_without_its_case_is_refused(run: Path) -> None:

@@ -34,6 +34,10 @@ def line(axes: Axes, name: str) -> tuple[list[float], list[float]]:
     return np.asarray(found.get_xdata()).tolist(), np.asarray(found.get_ydata()).tolist()
 
 
+def test_the_title_names_case_scenario_and_manager(axes: Axes) -> None:
+    assert axes.get_title(loc="left") == "grid: small, managed by merap"
+
+
 def test_returns_and_values_stand_at_their_episodes(axes: Axes) -> None:
     assert line(axes, "return") == ([0, 1, 2, 3, 4], [5, 6, -9, 7, 8])
     assert line(axes, "expected") == ([0, 1, 2, 3, 4], [6, 6, -9, 8, 8])

@@ -18,7 +18,7 @@ from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
 from merap.strategies.adaptation import Adaptation, adapt, spread_of_pretrained
-from merap.strategies.adaptation_problem import Conditions, adaptation_problem
+from merap.strategies.problem import Conditions, adaptation_problem
 from merap.strategies.registry import BELIEF, GRADIENT
 from tests.support.grid_tasks import END, HORIZON, grid_model, grid_task
 from tests.support.trained_runs import ONE_OF_SIXTEEN, SMALL, grid_case, trained
@@ -32,7 +32,9 @@ TRAINING_SEEDS = (0, 1)
 
 @pytest.fixture(scope="module")
 def of_hasty(hasty: RunFolder) -> Adaptation:
-    return adapt(hasty, hasty.case.system("met"), episodes_per_step=10, steps=3, seeds=(0, 1))
+    return adapt(
+        hasty, hasty.case.system("met"), strategy="gradient", episodes_per_step=10, steps=3, seeds=(0, 1)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +96,14 @@ def test_the_true_model_is_the_system_that_is_met(hasty: RunFolder, of_hasty: Ad
 def test_sampled_returns_are_those_of_the_policy_that_acted(hasty: RunFolder) -> None:
     """Without exploration the episodes of step 1 are the meta policy's: within 4 standard errors."""
     episodes = 800
-    found = adapt(hasty, hasty.case.system("met"), episodes_per_step=episodes, steps=1, seeds=(0, 1, 2))
+    found = adapt(
+        hasty,
+        hasty.case.system("met"),
+        strategy="gradient",
+        episodes_per_step=episodes,
+        steps=1,
+        seeds=(0, 1, 2),
+    )
     mean, variance = moments(MET, meta_policy_of(hasty))
     assert variance > 0.01
     for run in found.runs:
@@ -107,7 +116,7 @@ def test_exploration_shows_in_what_is_sampled_and_not_in_what_is_expected(tmp_pa
     """All but everything uniform: the sampled mean is that of the uniform policy."""
     run = trained(tmp_path / "run", SMALL.model_copy(update={"exploration": 0.999}), ONE_OF_SIXTEEN)
     episodes = 1500
-    found = adapt(run, run.case.system("met"), episodes_per_step=episodes, steps=1)
+    found = adapt(run, run.case.system("met"), strategy="gradient", episodes_per_step=episodes, steps=1)
     meta = meta_policy_of(run)
     uniform = np.where(np.arange(END + 1) < END, 0.2, 0.0) * np.ones((len(meta), 1))
     uniform[-1] = meta[-1]
@@ -188,17 +197,17 @@ def test_what_it_is_as_data(of_hasty: Adaptation) -> None:
 
 def test_a_combination_may_be_met(hasty: RunFolder) -> None:
     name = hasty.names[0]
-    found = adapt(hasty, hasty.case.system(name), episodes_per_step=2, steps=1)
+    found = adapt(hasty, hasty.case.system(name), strategy="gradient", episodes_per_step=2, steps=1)
     assert found.system == name
     # its goal is the first of rows and columns 3 to 6: six steps
     assert found.reachable.optimum == pytest.approx(10 - 0.5 * 6)
 
 
 def test_real_episodes_can_be_limited_instead_of_steps(hasty: RunFolder) -> None:
-    found = adapt(hasty, hasty.case.system("met"), episodes_per_step=3, max_episodes=10)
+    found = adapt(hasty, hasty.case.system("met"), strategy="gradient", episodes_per_step=3, max_episodes=10)
     assert [row.episodes for row in found.runs[0].curve] == [0, 3, 6, 9]
     with pytest.raises(InputError, match="gradient takes 3 real episodes for a policy update; 2 are too few"):
-        adapt(hasty, hasty.case.system("met"), episodes_per_step=3, max_episodes=2)
+        adapt(hasty, hasty.case.system("met"), strategy="gradient", episodes_per_step=3, max_episodes=2)
 
 
 @pytest.fixture(scope="module")
@@ -267,7 +276,9 @@ def test_learning_is_good(tmp_path: Path) -> None:
     steps: list[int | None] = []
     for seed in TRAINING_SEEDS:
         run = trained(tmp_path / str(seed), TrainingConfig(seed=seed), ONE_OF_SIXTEEN)
-        found = adapt(run, run.case.system("met"), episodes_per_step=35, steps=8, seeds=range(10))
+        found = adapt(
+            run, run.case.system("met"), strategy="gradient", episodes_per_step=35, steps=8, seeds=range(10)
+        )
         steps += [one.steps_to_within_5_percent for one in found.runs]
     reached = [step for step in steps if step is not None]
     assert len(reached) == len(steps) == 20

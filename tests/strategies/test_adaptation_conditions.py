@@ -13,7 +13,7 @@ import pytest
 from merap.concerns.combination import ResetMode
 from merap.learning.run_folder import RunFolder
 from merap.strategies.adaptation import adapt
-from merap.strategies.adaptation_problem import Conditions
+from merap.strategies.problem import Conditions
 from merap.strategies.registry import BELIEF, STRATEGIES
 from tests.support.whole_adaptations import values
 

@@ -8,7 +8,7 @@ from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Bools, Floats
 from merap.mdp.planning import backward_induction
 from merap.strategies.evaluation import evaluator, executed, reachable_range
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex, best_allowed
@@ -49,7 +49,7 @@ class Fixed:
 def test_rows_count_updates_and_real_episodes() -> None:
     strategy = Fixed(0)
     system = SimulatedSystem(MODEL, HORIZON, np.random.default_rng(0))
-    rows = list(adaptation(system, strategy, evaluator(MODEL, HORIZON), 5))
+    rows = list(adaptation_rows(system, strategy, evaluator(MODEL, HORIZON), 5))
     assert [(row.step, row.episodes) for row in rows] == [(0, 0), (1, 2), (2, 4)]
     # 18 steps at -0.5, by the policy's exact value and in the episodes.
     assert [row.expected_return for row in rows] == [-9, -9, -9]

@@ -14,9 +14,9 @@ from safetensors.torch import save_file
 from merap.errors import InputError
 from merap.learning.run_folder import RunFolder
 from merap.mdp.model import TabularMDP
-from merap.strategies.adaptation_problem import AdaptationProblem, adaptation_problem
 from merap.strategies.evaluation import evaluator
-from merap.strategies.protocol import adaptation
+from merap.strategies.problem import AdaptationProblem, adaptation_problem
+from merap.strategies.protocol import adaptation_rows
 from merap.strategies.registry import (
     STRATEGIES,
     StrategyContext,
@@ -59,7 +59,7 @@ def test_every_strategy_adapts_through_reset_and_step(problem: AdaptationProblem
         strategy = make_strategy(named(problem, kind), problem.context, np.random.default_rng(1))
         assert strategy.episodes_per_update == episodes_per_update(named(problem, kind), 2)
         system = ResetAndStepAlone(problem.truth.model, 0)
-        rows = list(adaptation(system, strategy, evaluator(problem.truth.model, HORIZON), 4))
+        rows = list(adaptation_rows(system, strategy, evaluator(problem.truth.model, HORIZON), 4))
         assert all(strategy.explain())
         return [row.expected_return for row in rows], system.taken
 

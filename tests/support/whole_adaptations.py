@@ -9,7 +9,7 @@ import numpy as np
 from merap.mdp.model import Floats, TabularMDP
 from merap.strategies.adaptation import Adaptation
 from merap.strategies.evaluation import Evaluator, Range, Run, judged
-from merap.strategies.protocol import adaptation
+from merap.strategies.protocol import adaptation_rows
 from merap.systems.interface import ManagedSystem
 from merap.systems.strategy import Strategy
 from tests.support.grid_tasks import HORIZON
@@ -24,7 +24,7 @@ def adapted(
     max_episodes: int,
 ) -> Run:
     """Adapt, and score the run; see `protocol.adaptation` and `evaluation.judged`."""
-    return judged(seed, list(adaptation(system, strategy, evaluate, max_episodes)), reachable)
+    return judged(seed, list(adaptation_rows(system, strategy, evaluate, max_episodes)), reachable)
 
 
 def values(found: Adaptation, run: int = 0) -> Sequence[float]:

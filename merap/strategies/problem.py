@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from merap.concerns.arguments import as_number
 from merap.concerns.combination import Combination, ResetMode
 from merap.families.build import model_of
 from merap.learning.run_folder import RunFolder
+from merap.mdp.short_repr import ShortRepr
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Supervised
@@ -29,18 +31,25 @@ class Conditions:
         reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
         slip: probability that an action does nothing; policies are scored with it.
         reset: how an episode after the first begins; None: as the case says of the system.
+
+    Raises:
+        InputError: a condition is no number.
     """
 
     reward_noise: float = 0.0
     slip: float = 0.0
     reset: ResetMode | None = None
 
+    def __post_init__(self) -> None:
+        as_number(self.reward_noise, "reward_noise")
+        as_number(self.slip, "slip")
+
 
 UNDISTURBED = Conditions()
 
 
-@dataclass(frozen=True, eq=False)
-class AdaptationProblem:
+@dataclass(frozen=True, eq=False, repr=False)
+class AdaptationProblem(ShortRepr):
     """A simulated system for any strategy to adapt to.
 
     Attributes:

@@ -1,0 +1,7 @@
+from .build import ModelBase as ModelBase
+from .build import build_base as build_base
+from .build import model_of as model_of
+from .writing import export_case as export_case
+from .writing import render_case as render_case
+
+__all__: list[str]

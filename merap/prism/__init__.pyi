@@ -1,0 +1,3 @@
+from .rendering import render as render
+
+__all__: list[str]

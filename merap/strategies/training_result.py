@@ -1,0 +1,123 @@
+"""Compare the policies that a training run adapts with the best ones: was anything learned?
+
+Axes: N tasks, S states, A actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from merap.learning.checkpoint import read_policy
+from merap.learning.gradient_step import behaviour, sampled_step
+from merap.learning.policy import policy_table, stack_parameters
+from merap.learning.rollout import rollout, sampler
+from merap.learning.run_folder import RunFolder, read_tasks
+from merap.learning.running import batch_of
+from merap.mdp.evaluation import expected_return
+from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import optimum
+from merap.mdp.reserved_names import COMPLETE_LABEL
+from merap.mdp.short_repr import ShortRepr
+from merap.strategies.evaluation import executed
+
+# Number of tasks that are looked at, spread evenly over the base.
+MOST_TASKS = 64
+# Part of the way from acting at random to the optimum below which a run is said to have learned little.
+ENOUGH = 0.5
+# Part of the greatest probability of an end that counts as none.
+NEVER = 0.01
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainingResult(ShortRepr):
+    """Exact undiscounted values on the tasks of a run, over its horizon.
+
+    Attributes:
+        names: of the N tasks.
+        adapted: float64 [N], of the meta policy after its inner steps on real episodes of the task.
+        optimum: float64 [N], of the best policy.
+        random: float64 [N], of acting uniformly at random.
+        ending: float64 [N], probability that the adapted policy ends the task within the horizon.
+        endable: float64 [N], the greatest such probability.
+    """
+
+    names: tuple[str, ...]
+    adapted: Floats
+    optimum: Floats
+    random: Floats
+    ending: Floats
+    endable: Floats
+
+    @property
+    def far_from_optimum(self) -> bool:
+        """Whether adapted policies gain less than half of what the best ones do over acting at random."""
+        return self.gain < ENOUGH
+
+    @property
+    def never_ends(self) -> bool:
+        """Whether every adapted policy goes on to the horizon, though its task could be ended."""
+        chances = self.ending[self.endable > 0] / self.endable[self.endable > 0]
+        return len(chances) > 0 and bool(chances.max() < NEVER)
+
+    @property
+    def gain(self) -> float:
+        """What adapted policies gain over acting at random, as a part of what the best ones do."""
+        possible = self.optimum.mean() - self.random.mean()
+        return float((self.adapted.mean() - self.random.mean()) / possible) if possible > 0 else 1.0
+
+
+def evaluate_training(run: RunFolder) -> TrainingResult:
+    """Adapt the policy of a finished run to its tasks, and evaluate it exactly.
+
+    Of more than `MOST_TASKS` tasks, that many are looked at.
+
+    Raises:
+        InputError: training has not ended, or a file of the run is damaged.
+    """
+    spread = np.linspace(0, len(run.names) - 1, min(len(run.names), MOST_TASKS)).astype(int)
+    some = replace(run, names=tuple(run.names[index] for index in spread))
+    models = read_tasks(some)
+    horizon = run.case.combination_at(0).objective.horizon
+    policies = _adapted(run, models)
+    ending = [_ending(model) for model in models]
+    return TrainingResult(
+        names=some.names,
+        adapted=_values(models, policies, horizon),
+        optimum=np.array([optimum(model, horizon) for model in models]),
+        random=_values(models, np.ones_like(policies), horizon),
+        ending=_values(ending, policies, horizon),
+        endable=np.array([optimum(model, horizon) for model in ending]),
+    )
+
+
+def _adapted(run: RunFolder, models: Sequence[TabularMDP]) -> Floats:
+    """Return float64 [N, S, A], the policies after the inner steps that the run was trained for."""
+    tasks = batch_of(run.case, models)
+    meta, generator = read_policy(run, tasks), torch.Generator().manual_seed(run.config.seed)
+    parameters = stack_parameters(meta.parameters, len(models))
+    with torch.no_grad():
+        for _ in range(run.config.inner_steps):
+            policy = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
+            episodes = rollout(policy, sampler(tasks), run.config.episodes, generator)
+            parameters = sampled_step(
+                meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
+            ).parameters
+        policies: Floats = policy_table(meta.network, parameters, tasks.enabled).double().numpy()
+    return policies
+
+
+def _values(models: Sequence[TabularMDP], policies: Floats, horizon: int) -> Floats:
+    pairs = zip(models, policies, strict=True)
+    return np.array([expected_return(model, executed(model, policy), horizon) for model, policy in pairs])
+
+
+def _ending(model: TabularMDP) -> TabularMDP:
+    """Return the model with a reward of 1 for a step that ends the task, and no other."""
+    done = model.labels[COMPLETE_LABEL]
+    entering = model.branch_prob * done[model.branch_target]
+    reward = np.bincount(model.branch_choice, entering, minlength=model.num_choices)
+    return replace(model, choice_reward=np.where(done[model.choice_state], 0.0, reward), branch_reward=None)
