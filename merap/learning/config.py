@@ -145,9 +145,7 @@ class TrainingConfig(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_plain_words(
-        cls, settings: Any, handler: ModelWrapValidatorHandler[TrainingConfig]
-    ) -> TrainingConfig:
+    def _in_plain_words(cls, settings: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         try:
             return handler(settings)
         except ValidationError as error:
