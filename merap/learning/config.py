@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BaseModel,
@@ -145,9 +145,7 @@ class TrainingConfig(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_plain_words(
-        cls, settings: Any, handler: ModelWrapValidatorHandler[TrainingConfig]
-    ) -> TrainingConfig:
+    def _in_plain_words(cls, settings: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         try:
             return handler(settings)
         except ValidationError as error:
