@@ -28,7 +28,7 @@ from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack
 from merap.learning.rollout import rollout, sampler
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import initial_state, meta_policy, policy_network, train, updates
-from scripts.bench import baseline_maml
+from scripts.bench import baseline_episodes, baseline_maml
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the growth (PNG, SVG, ...).")]
@@ -47,15 +47,15 @@ def learning(
     """Updates against a baseline on SyncVectorEnv, side by side, and time to equal adaptation quality."""
     base = build_base(load_case(baseline_maml.CASE))
     tasks = task_batch(base.models, base.horizon, base.discount)
-    world = baseline_maml.make_world(base.models, base.horizon, baseline_maml.Settings().episodes)
+    world = baseline_episodes.make_world(base.models, base.horizon, baseline_episodes.Settings().episodes)
     figures = _speed(world, tasks, rounds) | _quality(world, tasks, rounds, training_seeds)
     report(f"learning on {base.case}", figures, json_file)
 
 
-def _speed(world: baseline_maml.World, tasks: TaskBatch, rounds: int) -> Figures:
+def _speed(world: baseline_episodes.World, tasks: TaskBatch, rounds: int) -> Figures:
     """Medians of updates that take turns."""
-    settings, generator = baseline_maml.Settings(), torch.Generator().manual_seed(0)
-    theta = baseline_maml.initial_policy(world, generator)
+    settings, generator = baseline_episodes.Settings(), torch.Generator().manual_seed(0)
+    theta = baseline_episodes.initial_policy(world, generator)
     exact = _endless(tasks, TrainingConfig(updates=FOR_EVER))
     sampled = _endless(tasks, TrainingConfig(estimator="sampled", updates=FOR_EVER))
     seconds: dict[str, list[float]] = {"baseline": [], "exact": [], "sampled": []}
@@ -83,16 +83,16 @@ def _endless(tasks: TaskBatch, config: TrainingConfig) -> Iterator[float]:
     return (metrics.seconds for metrics in updates(tasks, config, state))
 
 
-def _quality(world: baseline_maml.World, tasks: TaskBatch, rounds: int, seeds: int) -> Figures:
+def _quality(world: baseline_episodes.World, tasks: TaskBatch, rounds: int, seeds: int) -> Figures:
     """Seconds until a policy adapts as well as that of the baseline after its updates, in one process.
 
     Adaptation quality is the mean expected undiscounted return over all tasks after three plain gradient
     steps of 35 episodes, the same for every learner.
     """
     generator = torch.Generator().manual_seed(1)
-    theta, spent = baseline_maml.initial_policy(world, generator), 0.0
+    theta, spent = baseline_episodes.initial_policy(world, generator), 0.0
     for _ in range(max(rounds, 80)):
-        theta, times, _ = baseline_maml.baseline_update(world, theta, baseline_maml.Settings(), generator)
+        theta, times, _ = baseline_maml.baseline_update(world, theta, baseline_episodes.Settings(), generator)
         spent += times.total
     goal = _adapted_return(_plain(tasks, theta), tasks)
     reached = [_seconds_to(goal, tasks, seed, "exact") for seed in range(seeds)]

@@ -11,7 +11,8 @@ import torch
 from merap.learning.policy import PolicyNetwork, policy_table
 from merap.learning.threads import one_thread
 from merap.mdp.evaluation import expected_return
-from scripts.bench.baseline_maml import Settings, World, baseline_update, initial_policy, make_world
+from scripts.bench.baseline_episodes import Settings, World, initial_policy, make_world
+from scripts.bench.baseline_maml import baseline_update
 from tests.support.grid_tasks import HORIZON
 from tests.support.learning_examples import grid_models, seeded, with_end
 
