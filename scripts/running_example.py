@@ -51,7 +51,7 @@ def main() -> None:
     system = case.system("met")
     print("5. Met online, not covered: location A is blocked, which no model foresaw; the goal is G3.")
     print("   Gradient steps alone (the meta policy goes through A and never sees another way pay):")
-    by_gradient = merap.adapt(run, system, steps=5, seeds=SEEDS)
+    by_gradient = merap.adapt(run, system, strategy="gradient", steps=5, seeds=SEEDS)
     _table(by_gradient)
     print("   A belief over the models, with mass kept for what they leave out:")
     by_belief = merap.adapt(run, system, strategy="belief", steps=5, seeds=SEEDS)
