@@ -14,9 +14,9 @@ from merap.concerns.case_study import load_case
 from merap.errors import InputError, MerapError, OutputError
 from merap.families.build import build_base
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import KIND, PACKAGES, RunFolder, create_run, read_run, read_tasks
-from merap.learning.running import resume
 from merap.mdp.comparison import compare
+from merap.runs.run_folder import FORMAT, KIND, PACKAGES, RunFolder, create_run, read_run, read_tasks
+from merap.runs.train import resume
 from tests.support.paths import MODELS
 from tests.support.trained_runs import SMALL, contents, grid_case, trained
 
@@ -77,6 +77,26 @@ def test_the_manifest_says_what_it_was_made_from(finished: RunFolder) -> None:
     for entry in found["files"]:
         content = (finished.path / entry["file"]).read_bytes()
         assert entry["sha256"] == hashlib.sha256(content).hexdigest()
+
+
+@pytest.mark.parametrize("other", [None, 1, 3, "2"])
+def test_a_run_of_another_version_is_refused_in_one_line(
+    finished: RunFolder, tmp_path: Path, other: object
+) -> None:
+    """Runs from before formats had numbers have none."""
+    run = tmp_path / "run"
+    shutil.copytree(finished.path, run)
+    found = manifest(run)
+    assert found.pop("format") == FORMAT
+    if other is not None:
+        found["format"] = other
+    (run / "manifest.json").write_text(json.dumps(found))
+    with pytest.raises(InputError) as caught:
+        read_run(run)
+    line = str(caught.value)
+    assert line.startswith(f"{run}: was made by another version of merap (its format is {other or 1}, ")
+    assert f"merap train {run / 'case.yaml'} -o NEW" in line
+    assert "\n" not in line
 
 
 def test_settings_are_resolved_in_the_manifest(finished: RunFolder) -> None:

@@ -9,11 +9,10 @@ from merap.concerns.case_study import CaseStudy
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
-from merap.learning.layout import flat
-from merap.learning.meta import MetaPolicy
+from merap.learning.meta import MetaPolicy, carried_over
+from merap.learning.policy import flat
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import TrainingState, initial_state, policy_network
-from merap.learning.transfer import carried_over
 
 # What says which policy a configuration has: another run's parameters fit no other.
 NETWORK_SETTINGS = ("observation", "hidden", "activation")

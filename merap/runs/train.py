@@ -17,7 +17,14 @@ from merap.concerns.lookup import as_case
 from merap.errors import InputError, warn_of
 from merap.families.build import build_base
 from merap.families.folder import MANIFEST, write_file
-from merap.learning.checkpoint import (
+from merap.families.observation import case_kinds
+from merap.learning.config import TrainingConfig
+from merap.learning.meta import MetaPolicy
+from merap.learning.metrics import UpdateMetrics
+from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.training import TrainingOutcome, TrainingState, meta_policy, outcome, updates
+from merap.mdp.model import TabularMDP
+from merap.runs.checkpoint import (
     POLICY_FILE,
     policy_bytes,
     read_checkpoint,
@@ -25,12 +32,8 @@ from merap.learning.checkpoint import (
     write_checkpoint,
     write_policy,
 )
-from merap.learning.config import TrainingConfig
-from merap.learning.event_log import Log, event_log
-from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
-from merap.learning.observation import case_kinds
-from merap.learning.run_folder import (
+from merap.runs.event_log import Log, event_log
+from merap.runs.run_folder import (
     RunFolder,
     Start,
     as_run,
@@ -40,11 +43,8 @@ from merap.learning.run_folder import (
     read_tasks,
     require_free,
 )
-from merap.learning.settings import read_config
-from merap.learning.tasks import TaskBatch, task_batch
-from merap.learning.training import Outcome, TrainingState, meta_policy, outcome, updates
-from merap.learning.warm_start import require_fit
-from merap.mdp.model import TabularMDP
+from merap.runs.settings import read_config
+from merap.runs.warm_start import require_fit
 
 SECONDS_BETWEEN_CHECKPOINTS = 0.5
 OUTCOME_FILE = "outcome.json"
@@ -106,7 +106,7 @@ class Trained:
     """
 
     policy: MetaPolicy
-    outcome: Outcome
+    outcome: TrainingOutcome
 
 
 def train_run(run: RunFolder, on_update: OnUpdate = lambda metrics: None) -> Trained:

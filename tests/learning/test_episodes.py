@@ -12,11 +12,11 @@ import torch
 from scipy.stats import chi2
 from torch import Tensor
 
-from merap.learning.exact import exact_problem, expected_return
-from merap.learning.rollout import Episodes, drawn_episodes, rollout, sampler
+from merap.learning.episodes import Episodes, drawn_episodes, rollout
+from merap.learning.exact import expected_return
 from merap.learning.tasks import TaskBatch
 from merap.learning.threads import one_thread
-from tests.support.learning_examples import grid_batch, random_table, ring_batch, seeded
+from tests.support.learning_examples import dense, grid_batch, random_table, ring_batch, seeded, with_horizon
 
 # A normal variable leaves 4 standard deviations with a probability of 6.3e-5.
 LUCK = math.erfc(4 / math.sqrt(2))
@@ -24,7 +24,7 @@ LUCK = math.erfc(4 / math.sqrt(2))
 
 def _sampled(tasks: TaskBatch, policy: Tensor, num_episodes: int, seed: int = 0) -> Episodes:
     with one_thread():
-        return rollout(policy, sampler(tasks), num_episodes, seeded(seed))
+        return rollout(policy, tasks, num_episodes, seeded(seed))
 
 
 def _steps(episodes: Episodes) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -48,18 +48,19 @@ def test_a_million_returns_average_the_exact_one(made: Callable[[], TaskBatch]) 
     """Within 4 standard errors: each of the two comparisons fails by luck with 6.3e-5."""
     tasks = made()[:1]
     policy = random_table(tasks.enabled, 7)
-    to_discount = tasks.discount ** torch.arange(tasks.horizon, dtype=torch.float64)
+    to_discount = tasks.discount ** torch.arange(tasks.longest_horizon, dtype=torch.float64)
     generator, found = seeded(11), []
     with one_thread():
-        layout = sampler(tasks)
         for _ in range(100):
-            reward = rollout(policy.float(), layout, 10_000, generator).reward.double()
+            reward = rollout(policy.float(), tasks, 10_000, generator).reward.double()
             found.append(torch.stack([reward.sum(dim=-1), reward @ to_discount]))
     returns = torch.cat(found, dim=-1).squeeze(1)
     assert returns.shape == (2, 1_000_000)
     error = returns.std(dim=-1) / math.sqrt(1_000_000)
-    for sampled, allowed, discount in zip(returns.mean(dim=-1), 4 * error, (1.0, None), strict=True):
-        exact = expected_return(policy.float(), exact_problem(tasks, discount))
+    for sampled, allowed, discount in zip(
+        returns.mean(dim=-1), 4 * error, (1.0, tasks.discount), strict=True
+    ):
+        exact = expected_return(policy.float(), replace(tasks, discount=discount))
         assert abs(sampled - exact.item()) < allowed
 
 
@@ -71,8 +72,7 @@ def test_actions_and_successors_have_their_probabilities() -> None:
     shape = (tasks.num_tasks, tasks.num_states, tasks.num_actions * tasks.num_states)
     cell = ((task * shape[1] + state) * tasks.num_actions + action) * shape[1] + successor
     counts = torch.bincount(cell, minlength=math.prod(shape)).view(shape).double().numpy()
-    expected = torch.zeros(*shape[:2], tasks.num_actions, tasks.num_states, dtype=torch.float64)
-    expected.scatter_add_(3, tasks.next_state, policy.unsqueeze(-1) * tasks.prob)
+    expected = policy.unsqueeze(-1) * dense(tasks, tasks.branch_prob)
     expected_counts = expected.view(shape).numpy() * counts.sum(axis=2, keepdims=True)
     assert np.all(counts[expected_counts == 0] == 0)
     filled = expected_counts >= 5  # below it the approximation is poor
@@ -102,10 +102,7 @@ def test_no_disabled_action_and_no_impossible_branch_is_taken(dtype: torch.dtype
         task, state, action, successor = _steps(_sampled(tasks, policy, 3_000))
         assert len(state) > 10_000
         assert torch.all(policy[task, state, action] > 0)
-        leads = (tasks.next_state[task, state, action] == successor.unsqueeze(-1)) & (
-            tasks.prob[task, state, action] > 0
-        )
-        assert leads.any(dim=-1).all()
+        assert torch.all(dense(tasks, tasks.branch_prob)[task, state, action, successor] > 0)
 
 
 def test_episodes_stop_in_the_completed_state() -> None:
@@ -127,12 +124,9 @@ def test_rewards_are_those_of_the_branches_taken() -> None:
     episodes = _sampled(tasks, random_table(tasks.enabled, 5), 3_000)
     task, state, action, successor = _steps(episodes)
     reward = episodes.reward[..., :-1][episodes.active[..., :-1]]
-    branches = (tasks.next_state[task, state, action] == successor.unsqueeze(-1)) & (
-        tasks.prob[task, state, action] > 0
-    )
     # the branches of one action lead to different states
-    assert torch.all(branches.sum(dim=-1) == 1)
-    assert torch.equal(reward, tasks.reward[task, state, action][branches])
+    assert dense(tasks, torch.ones_like(tasks.branch_prob)).max() == 1
+    assert torch.equal(reward, dense(tasks, tasks.branch_reward)[task, state, action, successor])
 
 
 def test_a_certain_way_through_the_grid() -> None:
@@ -156,7 +150,7 @@ def test_episodes_depend_on_the_generator_alone() -> None:
         assert torch.equal(getattr(first, name), getattr(again, name))
     assert not torch.equal(first.state, other.state)
     generator = seeded(1)
-    drawn = [rollout(policy, sampler(tasks), 50, generator).state for _ in range(2)]
+    drawn = [rollout(policy, tasks, 50, generator).state for _ in range(2)]
     assert torch.equal(drawn[0], first.state)
     assert not torch.equal(drawn[0], drawn[1])
 
@@ -180,7 +174,7 @@ def test_sampling_leaves_no_graph() -> None:
 
 
 def test_the_horizon_cuts_episodes() -> None:
-    tasks = replace(ring_batch(), horizon=1)
+    tasks = with_horizon(ring_batch(), 1)
     policy = random_table(tasks.enabled, 5)
     episodes = _sampled(tasks, policy, 7)
     assert episodes.state.shape == (3, 7, 1)
@@ -189,17 +183,32 @@ def test_the_horizon_cuts_episodes() -> None:
 
 def test_a_draw_of_exactly_zero_takes_no_impossible_branch() -> None:
     """0 is the lower bound of the branches of probability 0 in front."""
-    tasks = replace(ring_batch(), horizon=1)
+    tasks = with_horizon(ring_batch(), 1)
     policy = torch.zeros(tasks.enabled.shape, dtype=torch.float64)
     policy[..., 5] = tasks.enabled[..., 5]  # `start_scan` is the last action
-    episodes = drawn_episodes(policy, sampler(tasks), torch.zeros(3, 4, 2, dtype=torch.float64))
+    episodes = drawn_episodes(policy, tasks, torch.zeros(3, 4, 2, dtype=torch.float64))
     assert torch.all(episodes.action == 5)
 
 
 def test_a_draw_just_below_one_takes_the_last_possible_branch() -> None:
-    tasks = replace(ring_batch(torch.float32), horizon=1)
+    tasks = with_horizon(ring_batch(torch.float32), 1)
     policy = torch.zeros(tasks.enabled.shape)
     policy[..., 0] = tasks.enabled[..., 0]
     draws = torch.full((3, 4, 2), float(np.nextafter(np.float32(1), np.float32(0))))
-    episodes = drawn_episodes(policy, sampler(tasks), draws)
+    episodes = drawn_episodes(policy, tasks, draws)
     assert torch.all(episodes.action[episodes.active] == 0)
+
+
+def test_tasks_may_have_horizons_of_their_own() -> None:
+    """Each task's episodes are those of a batch with its horizon, cut there."""
+    tasks = with_horizon(ring_batch(), [3, 12, 1])
+    policy = random_table(tasks.enabled, 5)
+    draws = torch.rand(3, 20, 13, generator=seeded(2), dtype=torch.float64)
+    episodes = drawn_episodes(policy, tasks, draws)
+    whole = drawn_episodes(policy, ring_batch(), draws)
+    assert episodes.state.shape == (3, 20, 12)
+    for n, horizon in enumerate((3, 12, 1)):
+        assert torch.equal(episodes.state[n, :, :horizon], whole.state[n, :, :horizon])
+        assert torch.equal(episodes.active[n, :, :horizon], whole.active[n, :, :horizon])
+        assert not episodes.active[n, :, horizon:].any()
+        assert torch.all(episodes.reward[n, :, horizon:] == 0)

@@ -6,8 +6,9 @@ import threading
 from functools import partial
 
 import pytest
+import torch
 
-from merap.learning.core.threads import on_threads
+from merap.learning.threads import on_threads, one_thread
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
@@ -41,3 +42,20 @@ def test_an_error_of_a_piece_is_raised(threads: int) -> None:
         on_threads([fails, lambda: 1], threads)
     with pytest.raises(ArithmeticError, match="of the piece"):
         on_threads([lambda: 1, fails], threads)
+
+
+def test_one_thread_is_for_a_while() -> None:
+    def divide() -> None:
+        with one_thread():
+            inside.append(torch.get_num_threads())
+            raise ZeroDivisionError
+
+    inside: list[int] = []
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(ZeroDivisionError):
+            divide()
+        assert (inside, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(before)

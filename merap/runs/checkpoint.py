@@ -13,13 +13,14 @@ from torch import Tensor
 from merap.errors import InputError
 from merap.families.folder import write_bytes, write_file
 from merap.learning.meta import MetaPolicy, step_rule
-from merap.learning.metrics import COLUMNS, TIMES, UpdateMetrics, csv_text, read_metrics
+from merap.learning.metrics import UpdateMetrics
 from merap.learning.policy import Parameters
 from merap.learning.progress import Progress
-from merap.learning.run_folder import START_FILE, RunFolder, resume_command
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import Best, TrainingState, initial_state, policy_network
-from merap.learning.warm_start import begun_from
+from merap.runs.metrics_file import COLUMNS, TIMES, csv_text, read_metrics
+from merap.runs.run_folder import START_FILE, RunFolder, resume_command
+from merap.runs.warm_start import begun_from
 
 POLICY_FILE = "policy.safetensors"
 CHECKPOINT_FILE = "checkpoint.safetensors"
@@ -73,15 +74,10 @@ def read_policy(run: RunFolder, tasks: TaskBatch, file: str = POLICY_FILE) -> Me
 
 def write_checkpoint(run: RunFolder, state: TrainingState, metrics: Sequence[UpdateMetrics]) -> None:
     """Write the state of training and its metrics so far."""
-    optimizer = {
-        f"{_OPTIMIZER}{index}.{name}": value
-        for index, entries in state.optimizer.state_dict()["state"].items()
-        for name, value in entries.items()
-    }
     tensors = {
         _THETA: state.theta,
         _LOG_STEP_SIZES: state.log_step_sizes,
-        **optimizer,
+        **_prefixed(_OPTIMIZER, state.optimizer.state_dict()),
         _GENERATOR: state.generator.get_state(),
         _UPDATE: torch.tensor(state.update),
     }
@@ -126,9 +122,7 @@ def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, li
         state.generator.set_state(found[_GENERATOR])
     except RuntimeError as error:
         raise InputError(f"{_GENERATOR} can't be used: {error}", source=str(path)) from error
-    # groups are of the config
-    moments = {**state.optimizer.state_dict(), "state": _optimizer_state(tensors, state, path)}
-    state.optimizer.load_state_dict(moments)
+    state.optimizer.load_state_dict(_taken(tensors, _OPTIMIZER, state.optimizer.state_dict(), path))
     metrics = read_metrics(run.path / METRICS_FILE, run.path / TIMES_FILE)
     if not 0 <= state.update <= len(metrics):
         raise InputError(
@@ -141,22 +135,6 @@ def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, li
         best = {name: like[name] for name in (_THETA, _LOG_STEP_SIZES, _VARIANCE)}
         state.best = Best(**_taken(tensors, _BEST, best, path))
     return state, metrics
-
-
-def _optimizer_state(tensors: Parameters, state: TrainingState, path: Path) -> dict[int, dict[str, Tensor]]:
-    """Adam's moments for each leaf, by its number; sgd has none."""
-    if not isinstance(state.optimizer, torch.optim.Adam):
-        return {}
-    leaves = [leaf for group in state.optimizer.param_groups for leaf in group["params"]]
-    return {
-        index: _taken(
-            tensors,
-            f"{_OPTIMIZER}{index}.",
-            {"step": torch.zeros(()), "exp_avg": leaf, "exp_avg_sq": leaf},
-            path,
-        )
-        for index, leaf in enumerate(leaves)
-    }
 
 
 def _prefixed(prefix: str, tensors: Parameters) -> Parameters:

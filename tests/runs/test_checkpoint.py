@@ -12,7 +12,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from merap.errors import InputError
-from merap.learning.checkpoint import (
+from merap.learning.metrics import UpdateMetrics
+from merap.learning.policy import shaped
+from merap.learning.training import meta_policy
+from merap.runs.checkpoint import (
     CHECKPOINT_FILE,
     METRICS_FILE,
     POLICY_FILE,
@@ -22,11 +25,9 @@ from merap.learning.checkpoint import (
     write_checkpoint,
     write_policy,
 )
-from merap.learning.layout import shaped
-from merap.learning.metrics import UpdateMetrics, read_metrics
-from merap.learning.run_folder import RunFolder, read_run
-from merap.learning.running import begin_run, tasks_of
-from merap.learning.training import meta_policy
+from merap.runs.metrics_file import read_metrics
+from merap.runs.run_folder import RunFolder, read_run
+from merap.runs.train import begin_run, tasks_of
 from tests.support.trained_runs import SMALL, grid_case, trained, what_was_learned
 
 Tensors = dict[str, Tensor]

@@ -41,6 +41,8 @@ from merap.mdp.short_repr import ShortRepr
 from merap.mdp.umb import read_umb, write_umb
 
 KIND = "merap training run"
+# What stands in a run folder, and how; another version's is refused.
+FORMAT = 2
 CASE_FILE = "case.yaml"
 START_FILE = "start.safetensors"
 BASE_FOLDER = "base"
@@ -138,6 +140,7 @@ def create_run(
             (staging / START_FILE).write_bytes(start.policy)
             files.append(START_FILE)
         content = {
+            "format": FORMAT,
             "case": case.name,
             "digest": case.digest,
             "config": config.model_dump(mode="json"),
@@ -193,6 +196,12 @@ def read_manifest(path: Path) -> Mapping[str, Any]:
         ) from error
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise InputError("is not a run folder of merap", source=str(path))
+    if content.get("format", 1) != FORMAT:
+        raise InputError(
+            f"was made by another version of merap (its format is {content.get('format', 1)}, this version's "
+            f"{FORMAT}); train it anew: merap train {path / CASE_FILE} -o NEW",
+            source=str(path),
+        )
     return content
 
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from merap.errors import InputError
 from merap.learning.config import SAMPLED_DEFAULTS, TrainingConfig
-from merap.learning.settings import read_config
+from merap.runs.settings import read_config
 from tests.support.paths import ROOT
 
 

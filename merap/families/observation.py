@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import torch
-from torch import Tensor
+import numpy.typing as npt
 
 from merap.concerns.space import Space
 from merap.errors import ModelError
@@ -92,7 +91,7 @@ def _scale(name: str, low: int, high: int) -> Scale:
     return "flag" if is_flag else "coordinate"
 
 
-def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> Tensor:
+def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> npt.NDArray[np.float32]:
     """The factored observation of every state.
 
     Args:
@@ -115,7 +114,7 @@ def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> Ten
             raise ModelError(f"{kind.name} is {values[strange[0]]}, allowed is {kind.low}..{kind.high}")
         columns.append(_encoded(kind, values))
     features = np.hstack(columns) * ~folded[:, np.newaxis]
-    return torch.from_numpy(features.astype(np.float32))
+    return features.astype(np.float32)
 
 
 def _folded(valuations: Ints) -> Bools:

@@ -10,14 +10,14 @@ from scipy.special import softmax
 
 from merap.checker.storm import build_text
 from merap.families.build import model_of
-from merap.learning.checkpoint import read_policy
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import policy_table
-from merap.learning.policy_export import csv_text, npz_bytes, prism_text, tabulate
-from merap.learning.run_folder import RunFolder, read_tasks
-from merap.learning.running import tasks_of
 from merap.mdp.evaluation import expected_return
+from merap.runs.checkpoint import read_policy
+from merap.runs.policy_export import csv_text, npz_bytes, prism_text, tabulate
+from merap.runs.run_folder import RunFolder, read_tasks
+from merap.runs.train import tasks_of
 from merap.strategies.adaptation import adapt
 from merap.strategies.adapted_policy import adapted_policy
 from tests.support.paths import MODELS

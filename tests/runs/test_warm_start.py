@@ -10,11 +10,11 @@ import torch
 
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
-from merap.learning.checkpoint import read_checkpoint, read_policy
 from merap.learning.config import TrainingConfig
 from merap.learning.metrics import UpdateMetrics
-from merap.learning.run_folder import RunFolder, read_run
-from merap.learning.running import begin_run, resume, tasks_of, train, train_run
+from merap.runs.checkpoint import read_checkpoint, read_policy
+from merap.runs.run_folder import RunFolder, read_run
+from merap.runs.train import begin_run, resume, tasks_of, train, train_run
 from tests.support.command_line import merap
 from tests.support.paths import MODELS
 from tests.support.trained_runs import ONE_OF_THREE, SMALL, contents, grid_case, trained
