@@ -16,7 +16,7 @@ from merap.errors import InputError
 from merap.families.folder import MANIFEST
 
 if TYPE_CHECKING:
-    from merap.learning.metrics import UpdateMetrics
+    from merap.learning.progress import UpdateMetrics
     from merap.learning.training import TrainingOutcome
     from merap.runs.run_folder import RunFolder
 

@@ -67,14 +67,7 @@ def expected_return(policy: Tensor, tasks: TaskBatch, span: Span = "horizon") ->
 def return_gradient(
     policy: Tensor, tasks: TaskBatch, span: Span = "horizon", known: Evaluation | None = None
 ) -> Tensor:
-    """Return dJ/dpi, float [N, S, A], differentiable once.
-
-    Args:
-        policy: as in `expected_return`, like the next two.
-        tasks: likewise.
-        span: likewise.
-        known: what `evaluate` has said of that policy.
-    """
+    """Return dJ/dpi, float [N, S, A], differentiable once; `known` is what `evaluate` says of the policy."""
     known = known or evaluate(policy, tasks, span)
     gradient: Tensor = _Gradient.apply(policy, known)  # type: ignore[no-untyped-call]
     return gradient

@@ -151,13 +151,9 @@ class InnerLoop:
 
 
 def exact_loss(policy: Tensor, found: Surrogate, known: Evaluation, *, noise: bool) -> Loss:
-    """Return the loss of episodes with its expectation known.
+    """Return the loss of the episodes of policies [N, S, A] whose exact returns are known.
 
-    Args:
-        policy: float [N, S, A], that sampled them.
-        found: their loss.
-        known: the policies' exact returns.
-        noise: whether the sampling noise stays: the episodes' loss without its expectation.
+    With noise their sampling noise stays: the episodes' loss without its expectation.
     """
     if not noise:
         return Loss(torch.zeros_like(policy), found.scale)
@@ -179,16 +175,10 @@ def through_log_softmax(policy: Tensor, gradient: Tensor) -> Tensor:
 def pullback(output: Tensor, slope: Tensor, inputs: Sequence[Tensor], *, graph: bool) -> tuple[Tensor, ...]:
     """Return the gradients in inputs of a scalar that has a slope in an output of theirs.
 
-    The slope comes in by a hook: as `grad_outputs` it would make torch import its compiler's shapes, and
-    sympy, for a second and a half.
-
-    Args:
-        output: float, of any shape.
-        slope: of the same shape.
-        inputs: that it was made from.
-        graph: whether the gradients can be differentiated, also through the slope.
+    With a graph they can be differentiated, also through the slope. It comes in by a hook: as `grad_outputs`
+    it would make torch import its compiler's shapes, and sympy, for a second and a half.
     """
-    hook = output.register_hook(lambda ones: slope)
+    hook = output.register_hook(lambda ones: slope)  # type: ignore[no-untyped-call]
     gradients = torch.autograd.grad(output.sum(), inputs, create_graph=graph)
     hook.remove()
     return gradients

@@ -79,13 +79,8 @@ def begin(initial: Array, values: Array, occupancy: Array) -> Any:
 def evaluate(policy: Array, tasks: Arrays, found: Arrays, chain: Array, met: Array) -> None:
     """Evaluate policies [N, S, A] over the tasks' horizons.
 
-    Args:
-        policy: float [N, S, A].
-        tasks: arrays of the tasks.
-        found: filled: values to go [N, H + 1, S] and occupancies [N, H + 1, S], zeros before, visits [N, S],
-            J [N] and dJ/dpi [N, S, A].
-        chain: float [M], scratch.
-        met: float [M], scratch.
+    Filled are values to go and occupancies [N, H + 1, S], zeros before, visits [N, S], J [N] and dJ/dpi
+    [N, S, A]; chain and met [M] are scratch.
     """
     first, ends, target, weight, expected, earliest, horizon, initial = tasks
     to_go, occupancy, visits, total, gradient = found
@@ -124,15 +119,9 @@ def evaluate(policy: Array, tasks: Arrays, found: Arrays, chain: Array, met: Arr
 def hessian_product(
     policy: Array, direction: Array, tasks: Arrays, found: Arrays, product: Array, scratch: Arrays
 ) -> None:
-    """Fill the product of the Hessian of J with a direction: the derivative of `evaluate` along it.
+    """Fill the product of the Hessian of J with a direction [N, S, A]: the derivative of `evaluate` along it.
 
-    Args:
-        policy: float [N, S, A].
-        direction: float [N, S, A].
-        tasks: arrays of the tasks.
-        found: values to go and occupancies that `evaluate` has filled.
-        product: float [N, S, A], filled.
-        scratch: float [3, M] and [H + 5, S].
+    What was found are the values to go and occupancies of the policy; scratch is [3, M] and [H + 5, S].
     """
     first, ends, target, weight, expected, earliest, horizon, _ = tasks
     to_go, occupancy = found

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from merap.families.observation import VariableKind
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
+from merap.learning.progress import UpdateMetrics
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import initial_state, meta_policy, policy_network, updates
 from merap.mdp.model import TabularMDP

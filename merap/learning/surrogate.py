@@ -67,7 +67,7 @@ def surrogate(
     Args:
         episodes: N x B of them.
         rule: how advantages are made.
-        shape: N, S, A.
+        shape: of the policies, [N, S, A].
         blame: float [N, S, A], weight of a step with a negative advantage; None: 1.
     """
     advantage = advantages(episodes, shape[1], rule)

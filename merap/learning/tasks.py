@@ -198,18 +198,9 @@ def branch_batch(
     dtype: torch.dtype = torch.float32,
     features: Tensor | None = None,
 ) -> TaskBatch:
-    """Put a list of branches into a batch; the other arguments are those of `TaskBatch`.
+    """Put a list of branches into a batch; arguments as the fields of `TaskBatch`, as numpy arrays.
 
-    Args:
-        choice: int [B], (n S + s) A + a, not decreasing.
-        target: int [B], index into S.
-        prob, reward, continuation: float [B].
-        enabled: bool [N, S, A].
-        initial: float [N, S].
-        horizon: of all tasks, or one for each.
-        discount: in [0, 1].
-        dtype: of probabilities and rewards.
-        features: float [S, F].
+    `choice` is int [B], (n S + s) A + a, not decreasing; the horizon is that of all tasks, or one for each.
     """
     num_tasks = len(enabled)
     ends = np.searchsorted(choice, np.arange(enabled.size + 1))

@@ -17,11 +17,10 @@ from merap.errors import ModelError
 from merap.learning.config import TrainingConfig
 from merap.learning.exact import require_span
 from merap.learning.meta import MetaPolicy, step_rule
-from merap.learning.metrics import UpdateMetrics
 from merap.learning.objective import OuterObjective, outer_objective
 from merap.learning.optimizer import Optimizer
 from merap.learning.policy import PolicyNetwork, flat, initial_parameters, shaped
-from merap.learning.progress import Progress
+from merap.learning.progress import Progress, UpdateMetrics
 from merap.learning.tasks import TaskBatch
 from merap.learning.threads import one_thread
 from merap.learning.trust_region import trust_region_step

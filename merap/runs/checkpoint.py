@@ -13,9 +13,8 @@ from torch import Tensor
 from merap.errors import InputError
 from merap.families.folder import write_bytes, write_file
 from merap.learning.meta import MetaPolicy, step_rule
-from merap.learning.metrics import UpdateMetrics
 from merap.learning.policy import Parameters
-from merap.learning.progress import Progress
+from merap.learning.progress import Progress, UpdateMetrics
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import Best, TrainingState, initial_state, policy_network
 from merap.runs.metrics_file import COLUMNS, TIMES, csv_text, read_metrics

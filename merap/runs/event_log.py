@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from merap.errors import InputError
-from merap.learning.metrics import UpdateMetrics
+from merap.learning.progress import UpdateMetrics
 
 Log = Callable[[UpdateMetrics], None]
 

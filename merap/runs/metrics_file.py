@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from merap.errors import InputError
-from merap.learning.metrics import UpdateMetrics
+from merap.learning.progress import UpdateMetrics
 
 TIMES = ("update", "seconds")
 COLUMNS = tuple(field.name for field in fields(UpdateMetrics) if field.name != "seconds")

@@ -20,7 +20,7 @@ from merap.families.folder import MANIFEST, write_file
 from merap.families.observation import case_kinds
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
+from merap.learning.progress import UpdateMetrics
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import TrainingOutcome, TrainingState, meta_policy, outcome, updates
 from merap.mdp.model import TabularMDP

@@ -29,7 +29,7 @@ def test_a_coordinate_by_hand() -> None:
     """Half way up from 2 to 6: two steps are half a turn of wavelength 4 and a quarter of 8."""
     found = observation_features([COORDINATE], np.array([[4]]))[0]
     assert found[0] == 0.5
-    sines, cosines = found[1:].view(2, -1)
+    sines, cosines = found[1:].reshape(2, -1)
     np.testing.assert_allclose(sines[:2], [0, 1], atol=1e-6)
     np.testing.assert_allclose(cosines[:2], [-1, 0], atol=1e-6)
 

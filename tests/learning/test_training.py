@@ -14,8 +14,8 @@ import torch
 from merap.errors import ModelError
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
 from merap.learning.models import train_tasks
+from merap.learning.progress import UpdateMetrics
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
 from merap.learning.training import initial_state, meta_policy, outcome, policy_network, updates

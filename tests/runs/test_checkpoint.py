@@ -12,8 +12,8 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from merap.errors import InputError
-from merap.learning.metrics import UpdateMetrics
 from merap.learning.policy import shaped
+from merap.learning.progress import UpdateMetrics
 from merap.learning.training import meta_policy
 from merap.runs.checkpoint import (
     CHECKPOINT_FILE,

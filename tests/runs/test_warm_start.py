@@ -11,7 +11,7 @@ import torch
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
-from merap.learning.metrics import UpdateMetrics
+from merap.learning.progress import UpdateMetrics
 from merap.runs.checkpoint import read_checkpoint, read_policy
 from merap.runs.run_folder import RunFolder, read_run
 from merap.runs.train import begin_run, resume, tasks_of, train, train_run
