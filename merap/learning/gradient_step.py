@@ -13,6 +13,7 @@ Axes: N tasks, B episodes, T steps, S states, A actions, P parameters in one row
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -98,7 +99,7 @@ def sampled_step(
         policy = log_probs.detach().exp() * enabled
         blame = _blame(policy, enabled, rule.exploration)
         found = surrogate(episodes, rule.advantage_rule(variance), policy.shape, blame)
-        gradients = torch.autograd.grad(log_probs, tuple(leaves.values()), found.gradient)
+        gradients = pullback(log_probs, found.gradient, tuple(leaves.values()), graph=False)
     length = rule.length_factor(episodes.state.shape[1])
     moved = {
         name: value.detach() - length * step_sizes[name].flatten()[0] * gradient
@@ -116,3 +117,15 @@ def _blame(policy: Tensor, enabled: Tensor, exploration: float) -> Tensor:
 def behaviour(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, rule: StepRule) -> Tensor:
     """float [N, S, A], the policy that samples episodes online: with the rule's exploration."""
     return explore(policy_table(network, parameters, enabled), enabled, rule.exploration)
+
+
+def pullback(output: Tensor, slope: Tensor, inputs: Sequence[Tensor], *, graph: bool) -> tuple[Tensor, ...]:
+    """Return the gradients in inputs of a scalar that has a slope in an output of theirs.
+
+    With a graph they can be differentiated, also through the slope. It comes in by a hook: as `grad_outputs`
+    it would make torch import its compiler's shapes, and sympy, for a second and a half.
+    """
+    hook = output.register_hook(lambda ones: slope)  # type: ignore[no-untyped-call]
+    gradients = torch.autograd.grad(output.sum(), inputs, create_graph=graph)
+    hook.remove()
+    return gradients

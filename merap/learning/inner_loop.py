@@ -26,6 +26,7 @@ from torch import Tensor
 
 from merap.learning.config import Span
 from merap.learning.exact import Evaluation, expected_return, return_gradient
+from merap.learning.gradient_step import pullback
 from merap.learning.policy import (
     DISABLED_LOGIT,
     Parameters,
@@ -170,15 +171,3 @@ def through_softmax(policy: Tensor, gradient: Tensor) -> Tensor:
 def through_log_softmax(policy: Tensor, gradient: Tensor) -> Tensor:
     """Turn a gradient in log pi, 0 where an action is disabled, into one in the logits."""
     return gradient - policy * gradient.sum(dim=-1, keepdim=True)
-
-
-def pullback(output: Tensor, slope: Tensor, inputs: Sequence[Tensor], *, graph: bool) -> tuple[Tensor, ...]:
-    """Return the gradients in inputs of a scalar that has a slope in an output of theirs.
-
-    With a graph they can be differentiated, also through the slope. It comes in by a hook: as `grad_outputs`
-    it would make torch import its compiler's shapes, and sympy, for a second and a half.
-    """
-    hook = output.register_hook(lambda ones: slope)  # type: ignore[no-untyped-call]
-    gradients = torch.autograd.grad(output.sum(), inputs, create_graph=graph)
-    hook.remove()
-    return gradients

@@ -22,7 +22,8 @@ from torch import Tensor
 
 from merap.learning.config import TrainingConfig
 from merap.learning.drawing import Drawn, Sampling, Seen
-from merap.learning.inner_loop import InnerLoop, given, pullback, through_softmax
+from merap.learning.gradient_step import pullback
+from merap.learning.inner_loop import InnerLoop, given, through_softmax
 from merap.learning.policy import Parameters, PolicyNetwork, action_logits, shaped, softmax
 from merap.learning.surrogate import AdvantageRule
 from merap.learning.tasks import TaskBatch
