@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -21,10 +23,10 @@ from merap.belief.model import DomainModel, sampled_model
 from merap.belief.planning import FinitePlan, Refined, plan, policy_values
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
-from merap.learning.exact import ExactProblem, exact_problem, expected_return
+from merap.learning.exact import expected_return
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, policy_table
-from merap.learning.tasks import TaskBatch
+from merap.learning.tasks import TaskBatch, branch_batch
 from merap.mdp.model import Floats
 
 # Of what an informed policy earns above the plan, in units of the range of rewards.
@@ -97,10 +99,9 @@ class Refinement:
     def _climbed(self, models: Sequence[DomainModel], start: Floats) -> Floats:
         """float64 [S, A], the meta policy after gradient steps."""
         tasks = model_tasks(models, start, self._horizon)
-        problem = exact_problem(tasks, discount=1)
         parameters, scale = self._meta.parameters, 1.0
         for _ in range(self._settings.steps):
-            stepped = self._stepped(parameters, tasks, problem, scale)
+            stepped = self._stepped(parameters, tasks, scale)
             if stepped is None:
                 break
             parameters, scale = stepped
@@ -110,11 +111,11 @@ class Refinement:
         return table[:-1]
 
     def _stepped(
-        self, parameters: Parameters, tasks: TaskBatch, problem: ExactProblem, scale: float
+        self, parameters: Parameters, tasks: TaskBatch, scale: float
     ) -> tuple[Parameters, float] | None:
         """Up the gradient along the learned step sizes, as far as it improves; None if it does not."""
         leaves = {name: value.detach().requires_grad_() for name, value in parameters.items()}
-        value = self._value(leaves, tasks, problem)
+        value = self._value(leaves, tasks)
         gradient = dict(zip(leaves, torch.autograd.grad(value, tuple(leaves.values())), strict=True))
         with torch.no_grad():
             for halving in range(self._settings.halvings):
@@ -123,12 +124,12 @@ class Refinement:
                     name: leaf + length * self._meta.step_sizes[name] * gradient[name]
                     for name, leaf in parameters.items()
                 }
-                if self._value(moved, tasks, problem) > value:
+                if self._value(moved, tasks) > value:
                     return moved, 2 * length
         return None
 
-    def _value(self, parameters: Parameters, tasks: TaskBatch, problem: ExactProblem) -> Tensor:
-        return expected_return(policy_table(self._meta.network, parameters, tasks.enabled), problem).mean()
+    def _value(self, parameters: Parameters, tasks: TaskBatch) -> Tensor:
+        return expected_return(policy_table(self._meta.network, parameters, tasks.enabled), tasks).mean()
 
 
 def model_tasks(models: Sequence[DomainModel], start: Floats, horizon: int) -> TaskBatch:
@@ -139,24 +140,24 @@ def model_tasks(models: Sequence[DomainModel], start: Floats, horizon: int) -> T
         start: float64 [S].
         horizon: T.
     """
-    num_states = len(start)
-    shape = (len(models), num_states + 1, *np.shape(models[0].target)[::2])
-    next_state = np.broadcast_to(np.arange(num_states + 1)[:, np.newaxis, np.newaxis], shape).copy()
-    prob, reward, continuation = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    enabled = np.zeros(shape[:3], dtype=np.bool_)
-    for n, model in enumerate(models):
-        next_state[n, :-1] = model.target.transpose(1, 0, 2)
-        prob[n, :-1] = model.prob.transpose(1, 0, 2)
-        reward[n, :-1] = model.reward.transpose(1, 0, 2)
-        continuation[n, :-1] = model.continuation.transpose(1, 0, 2)
-        enabled[n, :-1] = model.enabled.T
-    return TaskBatch(
-        next_state=torch.from_numpy(next_state),
-        prob=torch.from_numpy(prob).float(),
-        reward=torch.from_numpy(reward).float(),
-        continuation=torch.from_numpy(continuation).float(),
-        enabled=torch.from_numpy(enabled),
-        initial=torch.from_numpy(np.tile(np.append(start, 0.0), (len(models), 1))).float(),
-        horizon=horizon,
-        discount=1.0,
+    enabled = np.stack([model.enabled.T for model in models])  # [N, S, A]
+    enabled = np.pad(enabled, ((0, 0), (0, 1), (0, 0)))
+
+    def of_branches(name: str) -> npt.NDArray[Any]:
+        """[N, S + 1, A, K] of [A, S, K] each; the completed state has none."""
+        table = np.stack([getattr(model, name).transpose(1, 0, 2) for model in models])
+        return np.pad(table, ((0, 0), (0, 1), (0, 0), (0, 0)))
+
+    prob = of_branches("prob")
+    real = (prob > 0) & enabled[..., np.newaxis]
+    return branch_batch(
+        np.flatnonzero(real) // prob.shape[-1],
+        of_branches("target")[real],
+        prob[real],
+        of_branches("reward")[real],
+        of_branches("continuation")[real],
+        enabled,
+        np.tile(np.append(start, 0.0), (len(models), 1)),
+        horizon,
+        1.0,
     )

@@ -83,7 +83,7 @@ def adapt(
 ) -> None:
     """Adapt to a system that is met online, and score it against the optimum."""
     from merap.families.build import cut_off_warnings
-    from merap.learning.run_folder import read_run
+    from merap.runs.run_folder import read_run
     from merap.strategies import adaptation
     from merap.strategies.problem import Conditions, adaptation_problem
     from merap.strategies.registry import ALL, PRETRAINED, parse_strategy

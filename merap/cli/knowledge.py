@@ -217,15 +217,15 @@ def replay(
 
 
 def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[DecisionDifference, ...]:
-    from merap.learning.run_folder import read_run
     from merap.mapek.replaying import check_decisions
+    from merap.runs.run_folder import read_run
 
     return check_decisions(read_run(folder), knowledge, run)
 
 
 def _case(place: str, digest: str) -> CaseStudy | None:
     """The case of a recorded run, if its run folder is there to tell; it has the names."""
-    from merap.learning.run_folder import read_run
+    from merap.runs.run_folder import read_run
 
     path = Path(place.removeprefix("sqlite:///"))
     folder = path if path.is_dir() else path.parent

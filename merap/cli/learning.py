@@ -16,9 +16,9 @@ from merap.errors import InputError
 from merap.families.folder import MANIFEST
 
 if TYPE_CHECKING:
-    from merap.learning.metrics import UpdateMetrics
-    from merap.learning.run_folder import RunFolder
-    from merap.learning.training import Outcome
+    from merap.learning.progress import UpdateMetrics
+    from merap.learning.training import TrainingOutcome
+    from merap.runs.run_folder import RunFolder
 
 
 def register(app: typer.Typer) -> None:
@@ -56,7 +56,7 @@ def train(
     ] = False,
 ) -> None:
     """Learn a meta policy over the model base of a case."""
-    from merap.learning.running import train_run
+    from merap.runs.train import train_run
 
     given = {
         "seed": seed,
@@ -104,9 +104,9 @@ def _begun(
     given: Mapping[str, Any],
 ) -> RunFolder:
     """Make the folder of a new run."""
-    from merap.learning.run_folder import read_run
-    from merap.learning.running import begin_run
-    from merap.learning.settings import read_config
+    from merap.runs.run_folder import read_run
+    from merap.runs.settings import read_config
+    from merap.runs.train import begin_run
 
     study = load_case(case)
     warn(study.warnings)
@@ -119,8 +119,8 @@ def _begun(
 
 def _resumed(out: Path, updates: int | None) -> RunFolder:
     """Open the folder of a run that goes on."""
-    from merap.learning.run_folder import read_run
-    from merap.learning.running import lengthen
+    from merap.runs.run_folder import read_run
+    from merap.runs.train import lengthen
 
     run = read_run(out)
     _go_on_with(out)
@@ -128,7 +128,7 @@ def _resumed(out: Path, updates: int | None) -> RunFolder:
 
 
 def _go_on_with(out: Path) -> None:
-    from merap.learning.run_folder import resume_command
+    from merap.runs.run_folder import resume_command
 
     go_on_with(resume_command(out), when=(out / MANIFEST).exists)
 
@@ -156,7 +156,7 @@ def _show_result(run: RunFolder) -> None:
         warn(["no adapted policy ever completes its task: each goes on until the horizon"])
 
 
-def _remarks(outcome: Outcome) -> Iterator[str]:
+def _remarks(outcome: TrainingOutcome) -> Iterator[str]:
     """What is worth knowing of how training ended."""
     if outcome.collapsed:
         yield (

@@ -70,9 +70,9 @@ def run(
     from merap.knowledge.base import open_knowledge
     from merap.knowledge.engine import default_url, url_of
     from merap.knowledge.event_log import FILE_NAME, JsonLines
-    from merap.learning.run_folder import read_run
     from merap.mapek.run import run_loop
     from merap.mapek.scenario import read_scenario
+    from merap.runs.run_folder import read_run
 
     require_free_report(json, force=force)
     if out is not None:

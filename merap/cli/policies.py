@@ -15,7 +15,7 @@ from merap.errors import InputError
 if TYPE_CHECKING:
     from merap.concerns.combination import Combination
     from merap.learning.meta import MetaPolicy
-    from merap.learning.run_folder import RunFolder
+    from merap.runs.run_folder import RunFolder
 
 
 def register(app: typer.Typer) -> None:
@@ -49,7 +49,7 @@ def export_policy(
 ) -> None:
     """Write the meta policy, or one adapted to a system, for use without merap."""
     from merap.families.folder import write_bytes
-    from merap.learning.run_folder import read_run
+    from merap.runs.run_folder import read_run
 
     require_free_report(out, force=force)
     opened = read_run(run)
@@ -77,8 +77,8 @@ def _policy(
     run: RunFolder, combination: Combination | None, adapt_steps: int, episodes_per_step: int, seed: int
 ) -> MetaPolicy:
     if combination is None or not adapt_steps:
-        from merap.learning.checkpoint import read_policy
-        from merap.learning.running import tasks_of
+        from merap.runs.checkpoint import read_policy
+        from merap.runs.train import tasks_of
 
         return read_policy(run, tasks_of(run))
     from merap.strategies.adapted_policy import adapted_policy
@@ -98,8 +98,8 @@ def _content(
     kind: PolicyFormat, run: RunFolder, combination: Combination | None, meta: MetaPolicy, title: str
 ) -> bytes:
     from merap.families.build import model_of
-    from merap.learning import policy_export
-    from merap.learning.run_folder import read_tasks
+    from merap.runs import policy_export
+    from merap.runs.run_folder import read_tasks
 
     if combination is not None and kind is PolicyFormat.prism:
         return policy_export.prism_text(meta, combination, title).encode()

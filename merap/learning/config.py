@@ -17,11 +17,12 @@ from pydantic import (
 from merap.concerns.document import key_text
 from merap.concerns.validation import message
 from merap.errors import InputError
-from merap.learning.core.network import Activation
-from merap.learning.core.surrogate import Baseline
 from merap.program.names import suggestion
 
+Activation = Literal["relu", "tanh", "softplus"]
+Baseline = Literal["linear", "time", "none"]
 Estimator = Literal["exact", "sampled"]
+Span = Literal["horizon", "infinite"]
 
 # Where the paper's Algorithm 1 as its authors ran it differs from the defaults of `exact`.
 SAMPLED_DEFAULTS: Mapping[str, Any] = {
@@ -103,7 +104,7 @@ class TrainingConfig(BaseModel):
     sampling_noise: bool = Field(
         default=True, description="exact: inner steps carry the sampling noise of K episodes"
     )
-    span: Literal["horizon", "infinite"] = Field(
+    span: Span = Field(
         default="horizon",
         description="exact: the return over the horizon, or the discounted one of episodes without end",
     )

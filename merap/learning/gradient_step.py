@@ -13,17 +13,16 @@ Axes: N tasks, B episodes, T steps, S states, A actions, P parameters in one row
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from merap.learning.core.network import forward, pullback
-from merap.learning.core.softmax import masked_softmax, through_log_softmax
-from merap.learning.core.surrogate import Baseline, Judgement, surrogate
-from merap.learning.layout import array_of, core_network, flat, per_entry, shaped
-from merap.learning.policy import Parameters, PolicyNetwork, explore, policy_table
-from merap.learning.rollout import Episodes
+from merap.learning.config import Baseline
+from merap.learning.episodes import Episodes
+from merap.learning.policy import Parameters, PolicyNetwork, action_logits, explore, log_policy, policy_table
+from merap.learning.surrogate import AdvantageRule, surrogate
 
 
 @dataclass(frozen=True)
@@ -44,14 +43,14 @@ class StepRule:
         noise = self.noise_episodes
         return (1 + noise / self.episodes) / (1 + noise / num_episodes)
 
-    def judgement(self, variance: Tensor | None) -> Judgement:
-        """How the core makes advantages.
+    def advantage_rule(self, variance: Tensor | None) -> AdvantageRule:
+        """Return how advantages are made.
 
         Args:
             variance: float [], of the advantages in training; None if not known yet. A few episodes
                 tell little of it: they are averaged with what training has seen.
         """
-        return Judgement(
+        return AdvantageRule(
             discount=self.discount,
             gae_lambda=self.gae_lambda,
             baseline=self.baseline,
@@ -94,18 +93,19 @@ def sampled_step(
         rule: how.
         variance: float [], of the advantages in training; None if not known yet.
     """
-    theta, allowed = array_of(flat(parameters)), enabled.numpy()
-    shape = core_network(network, parameters["layer0.bias"].dtype)
-    at = forward(theta, shape)
-    policy = masked_softmax(at.logits, allowed)
-    blame = array_of(_blame(torch.from_numpy(policy), enabled, rule.exploration))
-    found = surrogate(episodes.arrays, blame, rule.judgement(variance), policy.shape)
-    gradient, _ = pullback(theta, shape, at, through_log_softmax(policy, found.gradient))
-    alpha = rule.length_factor(episodes.state.shape[1]) * torch.stack(
-        [step_sizes[name].flatten()[0] for name in parameters]
-    )
-    moved = torch.from_numpy(theta - per_entry(array_of(alpha), shape) * gradient)
-    return Stepped(shaped(moved, network), torch.from_numpy(found.variance).to(moved.dtype))
+    with torch.enable_grad():
+        leaves = {name: value.detach().requires_grad_() for name, value in parameters.items()}
+        log_probs = log_policy(action_logits(network, leaves), enabled)
+        policy = log_probs.detach().exp() * enabled
+        blame = _blame(policy, enabled, rule.exploration)
+        found = surrogate(episodes, rule.advantage_rule(variance), policy.shape, blame)
+        gradients = pullback(log_probs, found.gradient, tuple(leaves.values()), graph=False)
+    length = rule.length_factor(episodes.state.shape[1])
+    moved = {
+        name: value.detach() - length * step_sizes[name].flatten()[0] * gradient
+        for (name, value), gradient in zip(parameters.items(), gradients, strict=True)
+    }
+    return Stepped(moved, found.variance.to(policy.dtype))
 
 
 def _blame(policy: Tensor, enabled: Tensor, exploration: float) -> Tensor:
@@ -117,3 +117,15 @@ def _blame(policy: Tensor, enabled: Tensor, exploration: float) -> Tensor:
 def behaviour(network: PolicyNetwork, parameters: Parameters, enabled: Tensor, rule: StepRule) -> Tensor:
     """float [N, S, A], the policy that samples episodes online: with the rule's exploration."""
     return explore(policy_table(network, parameters, enabled), enabled, rule.exploration)
+
+
+def pullback(output: Tensor, slope: Tensor, inputs: Sequence[Tensor], *, graph: bool) -> tuple[Tensor, ...]:
+    """Return the gradients in inputs of a scalar that has a slope in an output of theirs.
+
+    With a graph they can be differentiated, also through the slope. It comes in by a hook: as `grad_outputs`
+    it would make torch import its compiler's shapes, and sympy, for a second and a half.
+    """
+    hook = output.register_hook(lambda ones: slope)  # type: ignore[no-untyped-call]
+    gradients = torch.autograd.grad(output.sum(), inputs, create_graph=graph)
+    hook.remove()
+    return gradients

@@ -1,16 +1,34 @@
-"""Meta-learning over models that are no case: anything tabular, for example imported from Gymnasium."""
+"""Meta-learning in memory: over task batches, and over models that are no case."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from merap.families.observation import VariableKind
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
-from merap.learning.observation import VariableKind
-from merap.learning.tasks import task_batch
-from merap.learning.training import train
+from merap.learning.progress import UpdateMetrics
+from merap.learning.tasks import TaskBatch, task_batch
+from merap.learning.training import initial_state, meta_policy, policy_network, updates
 from merap.mdp.model import TabularMDP
+
+
+def train_tasks(
+    tasks: TaskBatch,
+    config: TrainingConfig,
+    on_update: Callable[[UpdateMetrics], None] = lambda metrics: None,
+) -> MetaPolicy:
+    """Train a meta policy, in memory.
+
+    Args:
+        tasks: the base.
+        config: every setting.
+        on_update: called after each update.
+    """
+    state = initial_state(policy_network(tasks, config), config, tasks.dtype)
+    for metrics in updates(tasks, config, state):
+        on_update(metrics)
+    return meta_policy(tasks, config, state)
 
 
 def train_models(
@@ -22,7 +40,7 @@ def train_models(
     kinds: Sequence[VariableKind] | None = None,
     on_update: Callable[[UpdateMetrics], None] = lambda metrics: None,
 ) -> MetaPolicy:
-    """Train a meta policy over a list of models, in memory.
+    """Train a meta policy over models that are no case, for example imported from Gymnasium.
 
     Args:
         models: N models in canonical form with equal states and actions, as
@@ -38,4 +56,4 @@ def train_models(
         ModelError: there is no model, or one has other states or actions than the first.
     """
     tasks = task_batch(models, horizon, discount, kinds=kinds)
-    return train(tasks, config or TrainingConfig(), on_update)
+    return train_tasks(tasks, config or TrainingConfig(), on_update)

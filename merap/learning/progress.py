@@ -1,4 +1,4 @@
-"""Is training still getting somewhere? Plateaus, collapses, and the best policy so far.
+"""What updates have shown, and whether training still gets somewhere: plateaus, collapses, the best policy.
 
 Judged by the adapted return, averaged over the last updates.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 # Updates whose mean is compared: enough to smooth the draw of tasks and episodes.
 WINDOW = 10
@@ -15,6 +16,36 @@ COLLAPSE = 0.2
 # And from that many standard errors of the difference of both windows' means: the best of many means of
 # noise lies some 3 above the true one, the last may lie as many below.
 CERTAIN = 6.0
+
+
+@dataclass(frozen=True)
+class UpdateMetrics:
+    """What one outer update showed.
+
+    Attributes:
+        update: counted from 1.
+        meta_return: mean expected discounted return of the meta policy on the batch; by the
+            sampled estimator, of its episodes.
+        adapted_return: that of the policies after their inner steps.
+        entropy: mean entropy of the meta policy over the steps of its episodes, in nats.
+        gradient_norm: of the outer gradient, before it is cut.
+        learning_rate: of the meta policy; nan for trpo.
+        kl: trpo: mean divergence of the adapted policies by the step, in nats; else nan.
+        step_length: trpo: part of the longest step allowed, 0 if none was accepted; else nan.
+        variance: of the advantages, mean over the batch.
+        seconds: wall-clock time of the update.
+    """
+
+    update: int
+    meta_return: float
+    adapted_return: float
+    entropy: float
+    gradient_norm: float
+    learning_rate: float
+    kl: float
+    step_length: float
+    variance: float
+    seconds: float
 
 
 class Progress:

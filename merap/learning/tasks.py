@@ -1,128 +1,240 @@
-"""Tasks of one case as padded torch arrays on the canonical index.
+"""Tasks of one case side by side, as lists of branches on the canonical index.
 
-Axes: N tasks, S states, A actions without `end`, K successors, F features.
+Nothing is padded: memory is linear in the branches.
+
+Axes: N tasks, S states, A actions without `end`, B branches of all tasks, F features.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from merap.errors import ModelError
-from merap.learning.observation import VariableKind, model_kinds, observation_features
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.families.observation import VariableKind, model_kinds, observation_features
+from merap.mdp.model import Ints, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
+
+
+class TaskBranches(NamedTuple):
+    """The branches of a batch, one after the other: int64 [M] all."""
+
+    number: Tensor  # where a branch stands in the arrays of the batch
+    choice: Tensor  # (n S + s) A + a of the choice that it belongs to
+    source: Tensor  # n S + s
+    target: Tensor  # n S + s' of the state that it leads to
 
 
 @dataclass(frozen=True, eq=False)
 class TaskBatch:
-    """Several MDPs side by side; entries that pad K have probability 0 and stay in the state.
+    """Several MDPs side by side.
 
     The end of an episode is a continuation of 0. The completed state has no enabled action,
-    nor has a state that is unreachable in a task.
+    nor has a state that is unreachable in a task. Batches of some of the tasks share the branches' arrays.
 
     Attributes:
-        next_state: int64 [N, S, A, K].
-        prob: float [N, S, A, K], sums to 1 over K where the action is enabled.
-        reward: float [N, S, A, K], r(s, a, s').
-        continuation: float [N, S, A, K], 0 into the completed state, else 1.
+        choice_to_branch: int64 [N, S A + 1], the branches of action a in state s are those from
+            [n, s A + a] to [n, s A + a + 1]; those of a task stand together.
+        branch_target: int32 [B], index into S.
+        branch_prob: float [B], sums to 1 over the branches of an enabled action.
+        branch_reward: float [B], r(s, a, s').
+        branch_continuation: float [B], probability that the step does not complete the task.
         enabled: bool [N, S, A].
         initial: float [N, S], a distribution.
-        horizon: T, the number of steps of an episode.
+        horizon: int64 [N], steps of an episode.
         discount: in [0, 1].
         features: float [S, F], the factored observation; None if it isn't known.
     """
 
-    next_state: Tensor
-    prob: Tensor
-    reward: Tensor
-    continuation: Tensor
+    choice_to_branch: Tensor
+    branch_target: Tensor
+    branch_prob: Tensor
+    branch_reward: Tensor
+    branch_continuation: Tensor
     enabled: Tensor
     initial: Tensor
-    horizon: int
+    horizon: Tensor
     discount: float
     features: Tensor | None = None
 
     def __post_init__(self) -> None:
-        shape = self.next_state.shape
-        assert len(shape) == 4, shape
-        for array in (self.prob, self.reward, self.continuation):
-            assert array.shape == shape, (array.shape, shape)
-        assert self.enabled.shape == shape[:3], (self.enabled.shape, shape)
-        assert self.initial.shape == shape[:2], (self.initial.shape, shape)
-        assert self.features is None or len(self.features) == shape[1], (self.features.shape, shape)
+        num_tasks, num_states, num_actions = self.enabled.shape
+        assert self.choice_to_branch.shape == (num_tasks, num_states * num_actions + 1), num_states
+        for array in (self.branch_prob, self.branch_reward, self.branch_continuation):
+            assert array.shape == self.branch_target.shape, array.shape
+        assert (self.initial.shape, self.horizon.shape) == ((num_tasks, num_states), (num_tasks,))
+        assert self.features is None or len(self.features) == num_states, self.features.shape
 
     @property
     def num_tasks(self) -> int:
         """N."""
-        return self.next_state.shape[0]
+        return self.enabled.shape[0]
 
     @property
     def num_states(self) -> int:
         """S."""
-        return self.next_state.shape[1]
+        return self.enabled.shape[1]
 
     @property
     def num_actions(self) -> int:
         """A."""
-        return self.next_state.shape[2]
-
-    @property
-    def num_successors(self) -> int:
-        """K."""
-        return self.next_state.shape[3]
+        return self.enabled.shape[2]
 
     @property
     def dtype(self) -> torch.dtype:
         """Of probabilities and rewards."""
-        return self.prob.dtype
+        return self.branch_prob.dtype
+
+    @cached_property
+    def longest_horizon(self) -> int:
+        """Steps of the longest episode."""
+        return int(self.horizon.max())
+
+    @cached_property
+    def weight(self) -> Tensor:
+        """float [B], discounted probability to go on along a branch."""
+        return self.discount * self.branch_prob * self.branch_continuation
 
     @cached_property
     def expected_reward(self) -> Tensor:
         """float [N, S, A], r(s, a)."""
-        return (self.prob * self.reward).sum(dim=-1)
+        terms = (self.branch_prob * self.branch_reward)[self.branches.number]
+        sums = torch.zeros(self.enabled.numel(), dtype=self.dtype, device=terms.device)
+        return sums.index_add_(0, self.branches.choice, terms).view(self.enabled.shape)
 
     @cached_property
-    def survival(self) -> Tensor:
-        """float [N, S, A, K], the probability to go on in each successor."""
-        return self.prob * self.continuation
+    def branches(self) -> TaskBranches:
+        """Every branch of these tasks, with what it belongs to."""
+        counts = self.choice_to_branch.diff(dim=1).flatten()
+        choice = torch.repeat_interleave(counts)
+        within = torch.arange(len(choice), device=choice.device) - (counts.cumsum(0) - counts)[choice]
+        number = self.choice_to_branch[:, :-1].flatten()[choice] + within
+        source = choice // self.num_actions
+        task = source // self.num_states
+        return TaskBranches(number, choice, source, task * self.num_states + self.branch_target[number])
+
+    @cached_property
+    def earliest(self) -> Tensor:
+        """int32 [N, S], how many steps it takes to get to a state at least; the horizon if they don't do."""
+        first, target = self.choice_to_branch[:, :: self.num_actions].numpy(), self.branch_target.numpy()
+        going = (self.branch_prob * self.branch_continuation > 0).numpy()
+        earliest = np.full(self.initial.shape, self.longest_horizon, dtype=np.int32)
+        task, state = np.nonzero(self.initial.numpy() > 0)
+        for time in range(self.longest_horizon):
+            earliest[task, state] = time
+            begin, end = first[task, state], first[task, state + 1]
+            branch, origin = ranges_between(begin, end)
+            branch, origin = branch[going[branch]], origin[going[branch]]
+            entered = np.stack([task[origin], target[branch]])
+            entered = entered[:, earliest[entered[0], entered[1]] == self.longest_horizon]
+            if not entered.size:
+                break
+            task, state = np.unique(entered, axis=1)
+        return torch.from_numpy(earliest)
+
+    @cached_property
+    def arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        """The arrays that `kernels` read, in their order.
+
+        Successors are unsigned: that spares the check for an index from the end.
+        """
+        first = self.choice_to_branch.contiguous().numpy()
+        ends = np.ascontiguousarray(first[:, :: self.num_actions])
+        target = self.branch_target.numpy().view(np.uint32)
+        tensors = (self.weight, self.expected_reward, self.earliest, self.horizon, self.initial)
+        rest = (tensor.contiguous().numpy() for tensor in tensors)
+        return (first, ends, target, *rest)
+
+    @cached_property
+    def most_branches(self) -> int:
+        """Branches of the task that has most."""
+        return int((self.choice_to_branch[:, -1] - self.choice_to_branch[:, 0]).max())
 
     def __getitem__(self, index: slice | Sequence[int] | Tensor) -> TaskBatch:
-        """Some of the tasks, in the order of `index`."""
+        """Return some of the tasks, in the order of `index`; what was worked out for them is kept."""
         chosen = index if isinstance(index, slice) else torch.as_tensor(index, dtype=torch.int64)
-        return TaskBatch(
-            next_state=self.next_state[chosen],
-            prob=self.prob[chosen],
-            reward=self.reward[chosen],
-            continuation=self.continuation[chosen],
+        some = replace(
+            self,
+            choice_to_branch=self.choice_to_branch[chosen],
             enabled=self.enabled[chosen],
             initial=self.initial[chosen],
-            horizon=self.horizon,
-            discount=self.discount,
-            features=self.features,
+            horizon=self.horizon[chosen],
         )
+        vars(some).update(
+            weight=self.weight, expected_reward=self.expected_reward[chosen], earliest=self.earliest[chosen]
+        )
+        return some
+
+
+def ranges_between(begin: Ints, end: Ints) -> tuple[Ints, Ints]:
+    """List the numbers of ranges one after the other, with the number of the range that each is of.
+
+    Args:
+        begin: int64 [R], first number of each range.
+        end: int64 [R], one above its last.
+    """
+    counts = end - begin
+    origin = np.repeat(np.arange(len(counts)), counts)
+    return np.arange(len(origin)) - (counts.cumsum() - counts)[origin] + begin[origin], origin
+
+
+def branch_batch(
+    choice: Ints,
+    target: Ints,
+    prob: npt.ArrayLike,
+    reward: npt.ArrayLike,
+    continuation: npt.ArrayLike,
+    enabled: npt.NDArray[np.bool_],
+    initial: npt.ArrayLike,
+    horizon: int | Sequence[int],
+    discount: float,
+    dtype: torch.dtype = torch.float32,
+    features: Tensor | None = None,
+) -> TaskBatch:
+    """Put a list of branches into a batch; arguments as the fields of `TaskBatch`, as numpy arrays.
+
+    `choice` is int [B], (n S + s) A + a, not decreasing; the horizon is that of all tasks, or one for each.
+    """
+    num_tasks = len(enabled)
+    ends = np.searchsorted(choice, np.arange(enabled.size + 1))
+    starts = ends[:-1].reshape(num_tasks, -1)
+    closing = ends[starts.shape[1] :: starts.shape[1], np.newaxis]
+    return TaskBatch(
+        choice_to_branch=torch.from_numpy(np.hstack([starts, closing])),
+        branch_target=torch.from_numpy(target.astype(np.int32)),
+        branch_prob=torch.as_tensor(prob, dtype=dtype),
+        branch_reward=torch.as_tensor(reward, dtype=dtype),
+        branch_continuation=torch.as_tensor(continuation, dtype=dtype),
+        enabled=torch.from_numpy(enabled),
+        initial=torch.as_tensor(initial, dtype=dtype),
+        horizon=torch.as_tensor(horizon, dtype=torch.int64).expand(num_tasks).clone(),
+        discount=discount,
+        features=features,
+    )
 
 
 def task_batch(
     models: Sequence[TabularMDP],
-    horizon: int,
+    horizon: int | Sequence[int],
     discount: float,
     dtype: torch.dtype = torch.float32,
     kinds: Sequence[VariableKind] | None = None,
 ) -> TaskBatch:
-    """Stack models of one case.
+    """Put models of one case side by side.
 
     The reward of a branch is `branch_reward` where a model has it, else `choice_reward`.
 
     Args:
         models: N canonical models: same states and actions, the last action is `end`, and
             the label `done` marks the completed states.
-        horizon: T, at least 1.
+        horizon: T of all tasks, at least 1, or one for each.
         discount: in [0, 1].
         dtype: of probabilities and rewards.
         kinds: of the variables, for the factored observation; None for what names and values tell.
@@ -135,25 +247,26 @@ def task_batch(
         raise ModelError("there is no model to learn from")
     for number, model in enumerate(models):
         _check_index(model, models[0], number)
-    num_successors = max(int(np.diff(model.choice_to_branch).max()) for model in models)
-    shape = (len(models), models[0].num_states, models[0].num_actions - 1, num_successors)
-    next_state, prob, reward, continuation = _empty_arrays(shape)
-    for n, model in enumerate(models):
-        place = _places(model)
-        next_state[(n, *place)] = model.branch_target[_acting(model)]
-        prob[(n, *place)] = model.branch_prob[_acting(model)]
-        reward[(n, *place)] = model.mean_branch_reward[_acting(model)]
-        continuation[(n, *place)] = ~model.labels[COMPLETE_LABEL][model.branch_target[_acting(model)]]
-    return TaskBatch(
-        next_state=torch.from_numpy(next_state),
-        prob=torch.from_numpy(prob).to(dtype),
-        reward=torch.from_numpy(reward).to(dtype),
-        continuation=torch.from_numpy(continuation).to(dtype),
-        enabled=torch.from_numpy(np.stack([model.enabled[:, :-1] for model in models])),
-        initial=torch.from_numpy(np.stack([model.initial for model in models])).to(dtype),
-        horizon=horizon,
-        discount=discount,
-        features=observation_features(kinds or model_kinds(models[0]), models[0].valuations).to(dtype),
+    num_states, num_actions = models[0].num_states, models[0].num_actions - 1
+    columns = [_acting_branches(model) for model in models]
+    place, target, prob, reward, continuation = (
+        np.concatenate(parts) for parts in zip(*columns, strict=True)
+    )
+    task = np.repeat(np.arange(len(models)), [len(column[0]) for column in columns])
+    return branch_batch(
+        task * (num_states * num_actions) + place,
+        target,
+        prob,
+        reward,
+        continuation,
+        np.stack([model.enabled[:, :-1] for model in models]),
+        np.stack([model.initial for model in models]),
+        horizon,
+        discount,
+        dtype,
+        torch.from_numpy(observation_features(kinds or model_kinds(models[0]), models[0].valuations)).to(
+            dtype
+        ),
     )
 
 
@@ -166,19 +279,13 @@ def _check_index(model: TabularMDP, first: TabularMDP, number: int) -> None:
         raise ModelError(f"model {number} has no label {COMPLETE_LABEL!r}")
 
 
-def _empty_arrays(shape: tuple[int, int, int, int]) -> tuple[Ints, Floats, Floats, Floats]:
-    own_state = np.arange(shape[1])[:, np.newaxis, np.newaxis]
-    return np.broadcast_to(own_state, shape).copy(), np.zeros(shape), np.zeros(shape), np.zeros(shape)
-
-
-def _acting(model: TabularMDP) -> Bools:
-    """bool [B], branches of every action but `end`."""
-    acting: Bools = model.choice_action[model.branch_choice] != model.num_actions - 1
-    return acting
-
-
-def _places(model: TabularMDP) -> tuple[Ints, Ints, Ints]:
-    """State, action and number among its choice's branches of each branch that isn't `end`."""
-    choice = model.branch_choice[_acting(model)]
-    rank = np.arange(model.num_branches)[_acting(model)] - model.choice_to_branch[choice]
-    return model.choice_state[choice], model.choice_action[choice], rank
+def _acting_branches(model: TabularMDP) -> tuple[npt.NDArray[np.generic], ...]:
+    """s A + a, target, probability, reward and continuation of each branch that isn't `end`, by choice."""
+    num_actions = model.num_actions - 1
+    action = model.choice_action[model.branch_choice]
+    place = model.choice_state[model.branch_choice] * num_actions + action
+    order = np.flatnonzero(action != num_actions)
+    order = order[np.argsort(place[order], kind="stable")]
+    target = model.branch_target[order]
+    going = ~model.labels[COMPLETE_LABEL][target]
+    return place[order], target, model.branch_prob[order], model.mean_branch_reward[order], going

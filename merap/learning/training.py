@@ -7,26 +7,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from merap.errors import ModelError
 from merap.learning.config import TrainingConfig
-from merap.learning.core.jit import Array
 from merap.learning.exact import require_span
-from merap.learning.layout import array_of, core_network, core_tasks, flat, shaped
-from merap.learning.meta import MetaPolicy, Objective, outer_objective, ranges, step_rule
-from merap.learning.metrics import UpdateMetrics
-from merap.learning.optimizer import step
-from merap.learning.policy import PolicyNetwork, initial_parameters
-from merap.learning.progress import Progress
+from merap.learning.meta import MetaPolicy, step_rule
+from merap.learning.objective import OuterObjective, outer_objective
+from merap.learning.optimizer import Optimizer
+from merap.learning.policy import PolicyNetwork, flat, initial_parameters, shaped
+from merap.learning.progress import Progress, UpdateMetrics
 from merap.learning.tasks import TaskBatch
-from merap.learning.threads import one_blas_thread, one_thread
+from merap.learning.threads import one_thread
 from merap.learning.trust_region import trust_region_step
 
 # The running mean of the advantages' variance looks back about that many updates.
@@ -69,7 +65,7 @@ class TrainingState:
     theta: Tensor
     log_step_sizes: Tensor
     variance: Tensor | None
-    optimizer: torch.optim.Optimizer
+    optimizer: Optimizer
     generator: torch.Generator
     progress: Progress
     best: Best | None = None
@@ -77,7 +73,7 @@ class TrainingState:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrainingOutcome:
     """How a training run ended.
 
     Attributes:
@@ -116,53 +112,35 @@ def initial_state(
     )
 
 
-def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) -> torch.optim.Optimizer:
-    of_sizes = {"params": [log_step_sizes], "lr": config.step_size_learning_rate}
-    of_theta = {"params": [theta], "lr": config.learning_rate}
+def _optimizer(theta: Tensor, log_step_sizes: Tensor, config: TrainingConfig) -> Optimizer:
+    rates = (config.learning_rate, config.step_size_learning_rate)
     if config.outer == "trpo":
-        return torch.optim.Adam([of_sizes])
-    if config.outer == "sgd":
-        return torch.optim.SGD([of_theta, of_sizes])
-    return torch.optim.Adam([of_theta, of_sizes])
+        return Optimizer([log_step_sizes], rates[1:], adaptive=True)
+    return Optimizer([theta, log_step_sizes], rates, adaptive=config.outer == "adam")
 
 
 def updates(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) -> Iterator[UpdateMetrics]:
     """Go on with a training run, an update at a time; `state` is current after each.
-
-    Until it ends or is closed, products in this process use one thread each.
 
     Raises:
         InputError: returns over the configured span have no value.
         ModelError: the gradient is no number, and there is no policy to keep.
     """
     require_span(config.span, tasks.discount)
-    everything = core_tasks(tasks, tasks.discount)
-    network = core_network(policy_network(tasks, config), tasks.dtype)
-    rule = step_rule(config, tasks.discount)
+    network = policy_network(tasks, config)
     size = min(config.tasks_per_update, tasks.num_tasks)
-    whole = ranges(everything, network)
-    with one_blas_thread():
-        while state.update < config.updates and not _on_plateau(state, config):
-            begin = time.perf_counter()
-            parts = whole
+    threads = torch.get_num_threads()
+    objective = outer_objective(tasks, network, config, threads)
+    while state.update < config.updates and not _on_plateau(state, config):
+        begin = time.perf_counter()
+        with one_thread():
             if size < tasks.num_tasks:  # distinct ones, uniformly (the paper's P(M))
-                drawn = torch.randperm(tasks.num_tasks, generator=state.generator)[:size].numpy()
-                parts = ranges(everything.some(drawn), network)
-            problem = partial(
-                outer_objective,
-                parts,
-                network,
-                rule=rule,
-                variance=state.variance,
-                config=config,
-                horizon=tasks.horizon,
-                threads=torch.get_num_threads(),
-            )
-            with one_thread():  # torch's own would wait for work in a loop, on the core of ours
-                metrics = _update(problem, tasks.horizon, config, state, begin)
-            if metrics is None:
-                return
-            yield metrics
+                drawn = torch.randperm(tasks.num_tasks, generator=state.generator)[:size]
+                objective = outer_objective(tasks[drawn], network, config, threads)
+            metrics = _update(objective, tasks.discount, config, state, begin)
+        if metrics is None:
+            return
+        yield metrics
 
 
 def _on_plateau(state: TrainingState, config: TrainingConfig) -> bool:
@@ -171,20 +149,20 @@ def _on_plateau(state: TrainingState, config: TrainingConfig) -> bool:
 
 @torch.no_grad()
 def _update(
-    of_step_sizes: Callable[[Array], Objective],
-    horizon: int,
-    config: TrainingConfig,
-    state: TrainingState,
-    begin: float,
+    objective: OuterObjective, discount: float, config: TrainingConfig, state: TrainingState, begin: float
 ) -> UpdateMetrics | None:
-    """One update; None if its gradient is no number."""
-    theta, objective = array_of(state.theta), of_step_sizes(np.exp(array_of(state.log_step_sizes)))
-    found, drawn, seen = objective.draw_and_differentiate(theta, config, horizon, state.generator)
-    variance = float(seen.variance.mean())
-    weight = theta.dtype.type(_entropy_weight(config, state.update) * math.sqrt(variance))
-    gradient: Array = found.theta + weight * found.entropy
-    of_sizes = found.sizes
-    norm = _norm(gradient, of_sizes)
+    """Do one update; None if its gradient is no number."""
+    theta, log_sizes = state.theta, state.log_step_sizes
+    rule = step_rule(config, discount).advantage_rule(state.variance)
+    drawn, seen, found = objective.draw(theta, log_sizes, rule, config, state.generator)
+    variance = seen.variance.mean().item()
+    objective, known = objective.on_counting_states(drawn)
+    part = objective.counting(theta)
+    found = found or objective.gradient(part, log_sizes, known)
+    weight = _entropy_weight(config, state.update) * math.sqrt(max(variance, 0.0))
+    if weight > 0:
+        found = found._replace(theta=found.theta + weight * objective.entropy_gradient(part, known))
+    norm = _norm(found.theta, found.sizes)
     if not math.isfinite(norm):
         _give_up(state)
         return None
@@ -192,20 +170,21 @@ def _update(
     kl = length = math.nan
     for repeat in range(config.outer_repeats):
         if repeat:
-            theta, objective = array_of(state.theta), of_step_sizes(np.exp(array_of(state.log_step_sizes)))
-            again = objective.differentiate_again(theta, drawn)
-            gradient, of_sizes = again.theta, again.sizes
+            part = objective.counting(theta)
+            found = objective.gradient(part, log_sizes, known)
         if config.outer == "trpo":
-            moved = trust_region_step(objective, theta, gradient, drawn, config)
+            moved = trust_region_step(objective, part, log_sizes, found.theta, known, config)
             kl, length = moved.kl, moved.length
-            state.theta.copy_(torch.from_numpy(moved.theta))
-        _ascend(state, gradient, of_sizes, config)
-    _remember(state, variance, float(seen.adapted_return.mean()))
+            theta.copy_(objective.spread(moved.theta, theta))
+        rows = (objective.spread(found.theta, torch.zeros_like(theta)), found.sizes)
+        _ascend(state, rows, _norm(*found) if repeat else norm, config)
+    adapted_return = seen.adapted_return.mean().item()
+    _remember(state, variance, adapted_return)
     return UpdateMetrics(
         update=state.update,
-        meta_return=float(seen.meta_return.mean()),
-        adapted_return=float(seen.adapted_return.mean()),
-        entropy=float(seen.entropy.mean()),
+        meta_return=seen.meta_return.mean().item(),
+        adapted_return=adapted_return,
+        entropy=seen.entropy.mean().item(),
         gradient_norm=norm,
         learning_rate=math.nan if config.outer == "trpo" else rate,
         kl=kl,
@@ -227,24 +206,20 @@ def _set_learning_rates(state: TrainingState, config: TrainingConfig) -> float:
     """Along the cosine; that of theta."""
     cosine = (1 + math.cos(math.pi * state.update / config.updates)) / 2
     part = config.final_learning_rate + (1 - config.final_learning_rate) * cosine
-    rates = (config.learning_rate * part, config.step_size_learning_rate * part)
-    groups = state.optimizer.param_groups
-    for group, rate in zip(groups, rates[-len(groups) :], strict=True):
-        group["lr"] = rate
+    rates = [config.learning_rate * part, config.step_size_learning_rate * part]
+    state.optimizer.rates = rates[-len(state.optimizer.rates) :]
     return rates[0]
 
 
-def _ascend(state: TrainingState, gradient: Array, of_sizes: Array, config: TrainingConfig) -> None:
-    """A step of the optimizer, which descends, on all that it is for."""
-    scale = min(1.0, config.max_gradient_norm / max(_norm(gradient, of_sizes), LEAST_NORM))
-    downhill = gradient.dtype.type(-scale)
-    state.theta.grad = torch.from_numpy(downhill * gradient)
-    state.log_step_sizes.grad = torch.from_numpy(downhill * of_sizes)
-    step(state.optimizer)
+def _ascend(state: TrainingState, rows: Sequence[Tensor], norm: float, config: TrainingConfig) -> None:
+    """Let the optimizer, which descends, step on all that it is for; the gradient is cut to a norm."""
+    scale = -min(1.0, config.max_gradient_norm / max(norm, LEAST_NORM))
+    moving = rows[-len(state.optimizer.rates) :]
+    state.optimizer.step([scale * row for row in moving])
 
 
-def _norm(gradient: Array, of_sizes: Array) -> float:
-    return math.hypot(float(np.linalg.norm(gradient)), float(np.linalg.norm(of_sizes)))
+def _norm(gradient: Tensor, of_sizes: Tensor) -> float:
+    return math.hypot(gradient.norm().item(), of_sizes.norm().item())
 
 
 def _remember(state: TrainingState, variance: float, adapted_return: float) -> None:
@@ -262,11 +237,11 @@ def _entropy_weight(config: TrainingConfig, update: int) -> float:
     return config.entropy * (config.final_entropy + (1 - config.final_entropy) * left)
 
 
-def outcome(config: TrainingConfig, state: TrainingState) -> Outcome:
+def outcome(config: TrainingConfig, state: TrainingState) -> TrainingOutcome:
     """How a run that has ended has ended."""
     progress = state.progress
     collapsed = progress.collapsed or state.diverged
-    return Outcome(
+    return TrainingOutcome(
         updates=state.update,
         kept=progress.best_update if collapsed else state.update,
         stopped=state.update < config.updates,
@@ -292,21 +267,3 @@ def meta_policy(tasks: TaskBatch, config: TrainingConfig, state: TrainingState) 
         variance=kept.variance.clone(),
         rule=step_rule(config, tasks.discount),
     )
-
-
-def train(
-    tasks: TaskBatch,
-    config: TrainingConfig,
-    on_update: Callable[[UpdateMetrics], None] = lambda metrics: None,
-) -> MetaPolicy:
-    """Train a meta policy.
-
-    Args:
-        tasks: the base.
-        config: every setting.
-        on_update: called after each update.
-    """
-    state = initial_state(policy_network(tasks, config), config, tasks.dtype)
-    for metrics in updates(tasks, config, state):
-        on_update(metrics)
-    return meta_policy(tasks, config, state)

@@ -12,13 +12,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import torch
 from scipy.sparse.linalg import LinearOperator, cg
+from torch import Tensor
 
 from merap.learning.config import TrainingConfig
-from merap.learning.core.jit import Array
-from merap.learning.core.meta import Drawn
-from merap.learning.meta import Objective
+from merap.learning.drawing import Drawn
+from merap.learning.objective import OuterObjective
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,50 +33,47 @@ class TrustRegionStep:
         length: part of the longest step that the divergence allows; 0: none was accepted.
     """
 
-    theta: Array
+    theta: Tensor
     kl: float
     length: float
 
 
 def trust_region_step(
-    objective: Objective, theta: Array, gradient: Array, drawn: Sequence[Drawn], config: TrainingConfig
+    objective: OuterObjective,
+    theta: Tensor,
+    log_sizes: Tensor,
+    gradient: Tensor,
+    drawn: Sequence[Drawn],
+    config: TrainingConfig,
 ) -> TrustRegionStep:
-    """One step from a gradient of the objective, with what was drawn for it.
+    """Take one step from a gradient of the objective, with what was drawn for it.
 
     Args:
         objective: what is to be improved.
-        theta: float [P].
+        theta: float [P], entries that count.
+        log_sizes: float [2 L].
         gradient: float [P], of the objective in theta.
         drawn: what it was made from.
         config: the bound on the divergence, and how it is searched.
     """
-    part, known, entries = objective.on_counting_states(drawn)
-    found = _step(part, theta[entries], gradient[entries], known, config)
-    moved = theta.copy()
-    moved[entries] = found.theta
-    return TrustRegionStep(moved, found.kl, found.length)
+    product = objective.curvature(theta, log_sizes, drawn)
 
+    def damped(direction: Any) -> Any:
+        row = torch.from_numpy(direction).to(theta.dtype)
+        return (product(row) + config.cg_damping * row).numpy()
 
-def _step(
-    objective: Objective, theta: Array, gradient: Array, drawn: Sequence[Drawn], config: TrainingConfig
-) -> TrustRegionStep:
-    product = objective.curvature(theta, drawn)
-
-    def damped(direction: Array) -> Array:
-        row = direction.astype(theta.dtype)
-        return product(row) + theta.dtype.type(config.cg_damping) * row
-
-    operator = LinearOperator((len(theta), len(theta)), matvec=damped, dtype=theta.dtype)
-    found, _ = cg(operator, gradient, rtol=1e-10, maxiter=config.cg_iterations)
+    right = gradient.numpy()
+    operator = LinearOperator((len(right), len(right)), matvec=damped, dtype=right.dtype)
+    found, _ = cg(operator, right, rtol=1e-10, maxiter=config.cg_iterations)
     steepness = float(found @ damped(found))
     if not steepness > 0:
         return TrustRegionStep(theta, 0.0, 0.0)
-    longest = (math.sqrt(2 * config.max_kl / steepness) * found).astype(theta.dtype)
-    before, _ = objective.judge(theta, drawn)
+    longest = math.sqrt(2 * config.max_kl / steepness) * torch.from_numpy(found).to(theta.dtype)
+    before, _ = objective.judge(theta, log_sizes, drawn)
     for attempt in range(config.backtracks):
         length = config.backtrack_ratio**attempt
-        moved = theta + theta.dtype.type(length) * longest
-        worth, kl = objective.judge(moved, drawn)
+        moved = theta + length * longest
+        worth, kl = objective.judge(moved, log_sizes, drawn)
         if worth > before and kl <= config.max_kl:
             return TrustRegionStep(moved, kl, length)
     return TrustRegionStep(theta, 0.0, 0.0)

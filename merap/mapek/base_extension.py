@@ -18,9 +18,9 @@ from merap.belief.prior_update import base_weight, likeliest, updated_prior
 from merap.belief.space import HypothesisSpace
 from merap.learning.meta import MetaPolicy
 from merap.learning.training import meta_policy, updates
-from merap.learning.warm_start import begun_from
 from merap.mapek.learner import StrategyMaker
 from merap.mdp.model import TabularMDP
+from merap.runs.warm_start import begun_from
 from merap.strategies.registry import StrategyContext
 
 # Belief mass outside the base that triggers an extension.

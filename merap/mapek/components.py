@@ -8,7 +8,6 @@ import numpy as np
 
 from merap.belief.space import HypothesisSpace
 from merap.concerns.case_study import CaseStudy
-from merap.learning.run_folder import RunFolder
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.base_extension import BaseExtender
 from merap.mapek.connecting import live_horizon
@@ -25,6 +24,7 @@ from merap.mapek.run_store import NO_HISTORY, RunHistory
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import ScenarioSpec
 from merap.mapek.scenario_system import ScenarioSystem
+from merap.runs.run_folder import RunFolder
 from merap.shield.learning_shield import LearningShield, Shield, ShieldSettings, Unshielded
 from merap.strategies.registry import StrategyContext
 from merap.systems.deadline import Punctual

@@ -12,13 +12,13 @@ from merap.errors import InputError
 from merap.knowledge.base import KnowledgeBase
 from merap.knowledge.replay import DecisionDifference, decision_differences
 from merap.knowledge.rows import DecisionRow, RunRow
-from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
 from merap.mapek.components import make_components
 from merap.mapek.loop import Loop
 from merap.mapek.run_store import read_history
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import ScenarioSpec
+from merap.runs.run_folder import RunFolder
 
 ACTION = "action"
 # a fallback is decided by the clock: it is repeated, not derived

@@ -12,8 +12,6 @@ from merap.errors import InputError
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.engine import url_of
 from merap.knowledge.event_log import JsonLines
-from merap.learning.checkpoint import POLICY_FILE
-from merap.learning.run_folder import RunFolder, as_run
 from merap.learning.threads import one_thread
 from merap.mapek.components import Guard, make_components, unguarded
 from merap.mapek.connecting import connected
@@ -24,6 +22,8 @@ from merap.mapek.records import EpisodeLog, EpisodeRow
 from merap.mapek.run_store import NO_HISTORY, RecordedEpisode, RunHistory, RunStore, read_history
 from merap.mapek.scenario import Scenario, as_scenario
 from merap.mapek.scores import LoopReport, reactions
+from merap.runs.checkpoint import POLICY_FILE
+from merap.runs.run_folder import RunFolder, as_run
 from merap.systems.interface import SystemFault
 
 OnEpisode = Callable[[EpisodeRow], None]

@@ -20,13 +20,13 @@ from merap.errors import InputError
 from merap.knowledge.base import KnowledgeBase
 from merap.knowledge.event_log import EventLog, JsonLines, event_row
 from merap.knowledge.rows import DecisionRow, EventRow, Level, ObservationRow, PolicyKind
-from merap.learning.checkpoint import policy_bytes
 from merap.mapek.messages import Execution
 from merap.mapek.records import EpisodeLog, EpisodeRow
 from merap.mapek.scores import LoopReport
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import write_umb
+from merap.runs.checkpoint import policy_bytes
 from merap.systems.deadline import Lateness
 
 EPISODE = "episode"

@@ -17,10 +17,10 @@ from merap.concerns.combination import Combination
 from merap.concerns.lookup import as_system
 from merap.errors import InputError, warn_of
 from merap.families.build import cut_off_warnings
-from merap.learning.run_folder import RunFolder, as_run
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.short_repr import ShortRepr
+from merap.runs.run_folder import RunFolder, as_run
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.shielded_strategy import ShieldedStrategy

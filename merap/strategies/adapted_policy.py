@@ -8,8 +8,8 @@ import numpy as np
 
 from merap.concerns.combination import Combination
 from merap.learning.meta import MetaPolicy
-from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
+from merap.runs.run_folder import RunFolder
 from merap.strategies.adaptation import OnStep
 from merap.strategies.gradient import GradientStrategy
 from merap.strategies.problem import adaptation_problem

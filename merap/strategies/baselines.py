@@ -29,9 +29,9 @@ from merap.learning.policy import (
     policy_table,
     stack_parameters,
 )
-from merap.learning.run_folder import RunFolder
 from merap.learning.tasks import TaskBatch
 from merap.mdp.model import Floats
+from merap.runs.run_folder import RunFolder
 from merap.strategies.policy_search import SearchSettings, joint_parameters, separate_parameters
 
 FOLDER = "baselines"

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from merap.learning.episodes import Episodes
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, initial_parameters, policy_table, stack_parameters
-from merap.learning.rollout import Episodes
 from merap.mdp.model import Bools, Floats, Ints
 from merap.systems.interface import Observation
 from merap.systems.strategy import StateIndex, draw_action

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from merap.learning.exact import ExactProblem, exact_problem, expected_return
+from merap.learning.exact import expected_return
 from merap.learning.policy import (
     Parameters,
     PolicyNetwork,
@@ -64,10 +64,9 @@ def separate_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: Sear
     drawn = torch.Generator().manual_seed(settings.seed)
     start = stack_parameters(initial_parameters(network, drawn, tasks.dtype), tasks.num_tasks)
     parameters = {name: value.clone() for name, value in start.items()}
-    problem = exact_problem(tasks)
 
     def loss(progress: float) -> Tensor:
-        return -_returns(network, parameters, tasks, problem, settings, progress).sum()
+        return -_returns(network, parameters, tasks, settings, progress).sum()
 
     return _minimised(parameters, loss, settings)
 
@@ -86,16 +85,14 @@ def _joint(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings, e
     drawn = torch.Generator().manual_seed(settings.seed)
     parameters = initial_parameters(network, drawn, tasks.dtype)
     size = min(settings.tasks_per_update, tasks.num_tasks)
-    whole = exact_problem(tasks) if size == tasks.num_tasks else None
     weight = entropy * (tasks.expected_reward.max() - tasks.expected_reward.min())
 
     def loss(progress: float) -> Tensor:
-        some, problem = tasks, whole
-        if problem is None:
+        some = tasks
+        if size < tasks.num_tasks:
             some = tasks[torch.randperm(tasks.num_tasks, generator=drawn)[:size]]
-            problem = exact_problem(some)
         stacked = stack_parameters(parameters, size)
-        earned = _returns(network, stacked, some, problem, settings, progress).mean()
+        earned = _returns(network, stacked, some, settings, progress).mean()
         return -earned - (1 - progress) * weight * _entropy(network, stacked, some)
 
     return _minimised(parameters, loss, settings)
@@ -110,7 +107,7 @@ def _mean_return(
         for first in range(0, tasks.num_tasks, settings.tasks_per_update):
             some = tasks[first : first + settings.tasks_per_update]
             stacked = stack_parameters(parameters, some.num_tasks)
-            total += float(_returns(network, stacked, some, exact_problem(some), settings, 1.0).sum())
+            total += float(_returns(network, stacked, some, settings, 1.0).sum())
     return total / tasks.num_tasks
 
 
@@ -118,13 +115,12 @@ def _returns(
     network: PolicyNetwork,
     parameters: Parameters,
     tasks: TaskBatch,
-    problem: ExactProblem,
     settings: SearchSettings,
     progress: float,
 ) -> Tensor:
     """float [N], exact discounted returns with the exploration that is left."""
     table = policy_table(network, parameters, tasks.enabled)
-    return expected_return(explore(table, tasks.enabled, settings.exploration * (1 - progress)), problem)
+    return expected_return(explore(table, tasks.enabled, settings.exploration * (1 - progress)), tasks)
 
 
 def _entropy(network: PolicyNetwork, parameters: Parameters, tasks: TaskBatch) -> Tensor:

@@ -12,8 +12,8 @@ import numpy as np
 from merap.concerns.arguments import as_number
 from merap.concerns.combination import Combination, ResetMode
 from merap.families.build import model_of
-from merap.learning.run_folder import RunFolder
 from merap.mdp.short_repr import ShortRepr
+from merap.runs.run_folder import RunFolder
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Supervised

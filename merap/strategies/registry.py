@@ -17,12 +17,12 @@ from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.errors import InputError
 from merap.families.build import model_of
-from merap.learning.checkpoint import read_policy
 from merap.learning.meta import MetaPolicy
-from merap.learning.run_folder import RunFolder, read_tasks
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.model import Floats, Ints, TabularMDP
 from merap.program.names import suggestion
+from merap.runs.checkpoint import read_policy
+from merap.runs.run_folder import RunFolder, read_tasks
 from merap.strategies.baselines import joint_policy, pretrained_policies
 from merap.strategies.fixed import FixedStrategy, optimal_policy
 from merap.strategies.gradient import GradientStrategy, untrained

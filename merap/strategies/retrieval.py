@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.learning.tasks import TaskBatch
+from merap.learning.tasks import TaskBatch, ranges_between
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.strategies.fixed import optimal_policy
 from merap.systems.interface import Observation
@@ -71,9 +71,10 @@ class RetrievalStrategy:
         self._generator = generator
         self._settings = settings or FitSettings()
         self._number = StateIndex(models[0].valuations)
-        self._target: Ints = tasks.next_state.numpy()
-        self._prob: Floats = tasks.prob.double().numpy()
-        self._reward: Floats = tasks.reward.double().numpy()
+        self._first: Ints = tasks.choice_to_branch.numpy()
+        self._target: Ints = tasks.branch_target.numpy()
+        self._prob: Floats = tasks.branch_prob.double().numpy()
+        self._reward: Floats = tasks.branch_reward.double().numpy()
         self._enabled: Bools = tasks.enabled.numpy()
         possible = self._reward[self._prob > 0]
         scale = float(np.ptp(possible)) if possible.size else 0.0
@@ -142,9 +143,13 @@ class RetrievalStrategy:
         action = np.array([step.action for step in self._steps], dtype=np.int64)
         target = np.array([step.target for step in self._steps], dtype=np.int64)
         reward = np.array([step.reward for step in self._steps])
-        arrives = self._target[:, state, action] == target[:, np.newaxis]
-        off = (self._reward[:, state, action] - reward[:, np.newaxis]) / self._deviation
-        likelihood = (self._prob[:, state, action] * arrives * np.exp(-(off**2) / 2)).sum(axis=-1)
+        choice = state * self._enabled.shape[2] + action
+        branch, place = ranges_between(self._first[:, choice].ravel(), self._first[:, choice + 1].ravel())
+        step = place % len(choice)
+        off = (self._reward[branch] - reward[step]) / self._deviation
+        terms = self._prob[branch] * (self._target[branch] == target[step]) * np.exp(-(off**2) / 2)
+        shape = (len(self._models), len(choice))
+        likelihood = np.bincount(place, terms, minlength=len(self._models) * len(choice)).reshape(shape)
         floor = np.exp(self._settings.unexplained)
         total: Floats = np.log(np.maximum(likelihood, floor)).sum(axis=-1)
         return total

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from merap.learning.checkpoint import read_policy
+from merap.learning.episodes import rollout
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.policy import policy_table, stack_parameters
-from merap.learning.rollout import rollout, sampler
-from merap.learning.run_folder import RunFolder, read_tasks
-from merap.learning.running import batch_of
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
 from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.short_repr import ShortRepr
+from merap.runs.checkpoint import read_policy
+from merap.runs.run_folder import RunFolder, read_tasks
+from merap.runs.train import batch_of
 from merap.strategies.evaluation import executed
 
 # Number of tasks that are looked at, spread evenly over the base.
@@ -102,7 +102,7 @@ def _adapted(run: RunFolder, models: Sequence[TabularMDP]) -> Floats:
     with torch.no_grad():
         for _ in range(run.config.inner_steps):
             policy = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
-            episodes = rollout(policy, sampler(tasks), run.config.episodes, generator)
+            episodes = rollout(policy, tasks, run.config.episodes, generator)
             parameters = sampled_step(
                 meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
             ).parameters

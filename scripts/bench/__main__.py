@@ -17,9 +17,9 @@ import typer
 from merap.checker.storm import StormModel, build_text
 from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
-from merap.learning.running import train
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb import read_umb
+from merap.runs.train import train
 from merap.strategies.adaptation import adapt
 from scripts.bench import belief, learning, online, shield, trigger
 from scripts.bench.learning import Json, median, report

@@ -8,6 +8,7 @@ import resource
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,13 +22,14 @@ from rich.table import Table
 from merap.concerns.case_study import load_case
 from merap.families.build import build_base
 from merap.learning.config import TrainingConfig
-from merap.learning.exact import exact_problem, expected_return
+from merap.learning.episodes import rollout
+from merap.learning.exact import expected_return
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy, step_rule
+from merap.learning.models import train_tasks
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
-from merap.learning.rollout import rollout, sampler
-from merap.learning.tasks import TaskBatch, task_batch
-from merap.learning.training import initial_state, meta_policy, policy_network, train, updates
+from merap.learning.tasks import TaskBatch, branch_batch, task_batch
+from merap.learning.training import initial_state, meta_policy, policy_network, updates
 from scripts.bench import baseline_episodes, baseline_maml
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
@@ -98,7 +100,7 @@ def _quality(world: baseline_episodes.World, tasks: TaskBatch, rounds: int, seed
     reached = [_seconds_to(goal, tasks, seed, "exact") for seed in range(seeds)]
     sampled = [_seconds_to(goal, tasks, seed, "sampled") for seed in range(seeds)]
     silent = [
-        _adapted_return(train(tasks, TrainingConfig(seed=seed, sampling_noise=noise)), tasks)
+        _adapted_return(train_tasks(tasks, TrainingConfig(seed=seed, sampling_noise=noise)), tasks)
         for noise in (True, False)
         for seed in range(seeds)
     ]
@@ -134,19 +136,18 @@ def _plain(tasks: TaskBatch, theta: Parameters) -> MetaPolicy:
 
 def _adapted_return(meta: MetaPolicy, tasks: TaskBatch) -> float:
     """Mean over all tasks and 5 seeds."""
-    layout, problem = sampler(tasks), exact_problem(tasks, 1.0)
-    returns = []
+    undiscounted, returns = replace(tasks, discount=1.0), []
     for seed in range(5):
         generator = torch.Generator().manual_seed(1_000 + seed)
         parameters = stack_parameters(meta.parameters, tasks.num_tasks)
         for _ in range(3):
             acting = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
-            episodes = rollout(acting, layout, 35, generator)
+            episodes = rollout(acting, tasks, 35, generator)
             parameters = sampled_step(
                 meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
             ).parameters
         table = policy_table(meta.network, parameters, tasks.enabled)
-        returns.append(expected_return(table, problem).mean().item())
+        returns.append(expected_return(table, undiscounted).mean().item())
     return statistics.mean(returns)
 
 
@@ -155,7 +156,7 @@ def growth(json_file: Json = None, plot: Plot = None, repeats: int = 5) -> None:
     seconds, branches = [], []
     for side in SIDES:
         tasks = _grid(side, GROWTH_TASKS)
-        branches.append(tasks.num_states * tasks.num_actions)
+        branches.append(len(tasks.branch_prob) // tasks.num_tasks)
         seconds.append(_update_seconds(tasks, repeats))
     slopes = np.diff(np.log(seconds)) / np.diff(np.log(branches))
     figures = {f"seconds_{count}_branches": took for count, took in zip(branches, seconds, strict=True)}
@@ -176,26 +177,30 @@ def _update_seconds(tasks: TaskBatch, repeats: int) -> float:
 
 def _grid(side: int, num_tasks: int) -> TaskBatch:
     """Square grids with five actions and a goal each, and one completed state."""
-    cells = np.arange(side * side)
+    cells, done = np.arange(side * side), side * side
     row, col = cells // side, cells % side
     moves = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
-    target = np.full((side * side + 1, 5), side * side)
+    target = np.empty((num_tasks, done, 5), dtype=np.int64)
     for action, (down, right) in enumerate(moves):
-        target[:-1, action] = np.clip(row + down, 0, side - 1) * side + np.clip(col + right, 0, side - 1)
-    states = side * side + 1
-    next_state = torch.from_numpy(target).expand(num_tasks, states, 5)[..., None].clone()
-    goals = torch.linspace(side * side // 2, side * side - 1, num_tasks).long()
-    reward = torch.full((num_tasks, states, 5, 1), -0.5)
-    continuation = torch.ones_like(reward)
-    for number, goal in enumerate(goals.tolist()):
-        next_state[number, goal], continuation[number, goal] = side * side, 0.0
-        reward[number, goal, 0] = 10.0
-    enabled = torch.ones(num_tasks, states, 5, dtype=torch.bool)
+        target[:, :, action] = np.clip(row + down, 0, side - 1) * side + np.clip(col + right, 0, side - 1)
+    reward = np.full(target.shape, -0.5)
+    for number, goal in enumerate(np.linspace(done // 2, done - 1, num_tasks).astype(int)):
+        target[number, goal], reward[number, goal, 0] = done, 10.0
+    enabled = np.ones((num_tasks, done + 1, 5), dtype=np.bool_)
     enabled[:, -1] = False
-    initial = torch.full((num_tasks, states), 1 / (states - 1))
+    initial = np.full((num_tasks, done + 1), 1 / done)
     initial[:, -1] = 0.0
-    prob = enabled[..., None].float()
-    return TaskBatch(next_state, prob, reward, continuation, enabled, initial, GROWTH_HORIZON, 0.95)
+    return branch_batch(
+        np.flatnonzero(enabled),
+        target.ravel(),
+        np.ones(target.size),
+        reward.ravel(),
+        target.ravel() != done,
+        enabled,
+        initial,
+        GROWTH_HORIZON,
+        0.95,
+    )
 
 
 def _gigabytes() -> float:

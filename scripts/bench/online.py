@@ -19,7 +19,7 @@ from rich.table import Table
 
 from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
-from merap.learning.running import train
+from merap.runs.train import train
 from merap.strategies.registry import BELIEF
 from scripts.bench.belief import chosen_conditions
 from scripts.bench.following import CONDITIONS, UNDISTURBED, Lengths, NoiseCondition

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from merap.learning.run_folder import RunFolder
 from merap.learning.threads import one_thread
+from merap.runs.run_folder import RunFolder
 from merap.strategies.adaptation import best_median_worst, values_of_pretrained
 from merap.strategies.evaluation import Run, summary
 from merap.strategies.problem import AdaptationProblem, Conditions, adaptation_problem

@@ -14,13 +14,13 @@ from merap.belief.refinement import Refinement, RefinementSettings, model_tasks
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.learning.checkpoint import read_policy
 from merap.learning.config import TrainingConfig
-from merap.learning.exact import exact_problem, expected_return
+from merap.learning.exact import expected_return
 from merap.learning.meta import MetaPolicy
-from merap.learning.running import tasks_of, train
 from merap.mdp.evaluation import expected_return as value_on
 from merap.mdp.model import Floats
+from merap.runs.checkpoint import read_policy
+from merap.runs.train import tasks_of, train
 from merap.strategies.evaluation import executed
 from tests.support.belief_routes import STRIP
 from tests.support.case_examples import GRAPH, write_case
@@ -68,7 +68,7 @@ def test_values_of_the_tasks_for_the_gradient_are_the_same(case: CaseStudy) -> N
     tasks = model_tasks(models, space.initial, HORIZON)
     uniform = tasks.enabled / tasks.enabled.sum(dim=-1, keepdim=True).clamp_min(1)
     with torch.no_grad():
-        found = expected_return(uniform.float(), exact_problem(tasks, discount=1)).numpy()
+        found = expected_return(uniform.float(), tasks).numpy()
     everywhere = np.ones((HORIZON, space.num_states, len(space.actions)))
     np.testing.assert_allclose(found, policy_values(models, everywhere, space.initial), atol=1e-4)
 

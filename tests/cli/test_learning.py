@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder, read_run
+from merap.runs.run_folder import RunFolder, read_run
 from tests.support.command_line import command, merap, refused
 from tests.support.paths import MODELS
 from tests.support.trained_runs import (

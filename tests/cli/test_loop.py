@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from merap.knowledge.base import open_knowledge
-from merap.learning.run_folder import RunFolder
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import command, merap, refused
 from tests.support.loop_runs import MOVED
 from tests.support.trained_runs import contents, trained

@@ -10,7 +10,7 @@ import pytest
 from merap.checker.storm import build_file
 from merap.cli.policies import PolicyFormat, export_policy
 from merap.errors import InputError
-from merap.learning.run_folder import RunFolder
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import merap, refused
 from tests.support.trained_runs import trained
 

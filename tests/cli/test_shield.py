@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.learning.run_folder import RunFolder
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import merap
 from tests.support.paths import MODELS
 from tests.support.trained_runs import trained

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from merap.cli import output
-from merap.learning.run_folder import RunFolder, read_run
-from merap.learning.running import resume
+from merap.runs.run_folder import RunFolder, read_run
+from merap.runs.train import resume
 from tests.support.command_line import merap, refused
 from tests.support.paths import MODELS
 from tests.support.trained_runs import ONE_OF_THREE, checkpoint_update, contents, trained, what_was_learned

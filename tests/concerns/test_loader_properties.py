@@ -17,8 +17,8 @@ from merap.concerns.case_study import load_case
 from merap.concerns.schema import case_schema
 from merap.concerns.synthesis import synthesise
 from merap.errors import MerapError
-from merap.learning.settings import read_config
 from merap.mapek.scenario import read_scenario
+from merap.runs.settings import read_config
 from tests.support.case_examples import GRAPH, GRID
 
 # The size of the temporary folder does not matter, and machines that run tests may be slow.

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from merap.errors import InputError
-from merap.learning.core.values import hessian_product, values
-from merap.learning.exact import ExactProblem, Span, exact_problem, expected_return
+from merap.learning.config import Span
+from merap.learning.exact import expected_return, plain_return, return_gradient
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp import evaluation
 from merap.mdp.chain import induced_chain, write_induced_chain
@@ -23,6 +23,7 @@ from tests.support.grid_tasks import ACTIONS, DISCOUNT, HORIZON, SIZE, grid_mode
 from tests.support.learning_examples import (
     RING_DISCOUNT,
     RING_HORIZON,
+    dense,
     grid_batch,
     grid_models,
     random_table,
@@ -30,6 +31,7 @@ from tests.support.learning_examples import (
     ring_models,
     seeded,
     with_end,
+    with_horizon,
 )
 from tests.support.storm_runs import storm_values
 
@@ -54,12 +56,12 @@ def test_returns_equal_those_of_the_numpy_recursion(
     tasks = task_batch(made, horizon, discount, torch.float64)
     policy = random_table(tasks.enabled, seed)
     assert not tasks.enabled.all()
-    for given, gamma in ((None, discount), (1.0, 1.0), (0.0, 0.0)):
+    for gamma in (discount, 1.0, 0.0):
         expected = [
             evaluation.expected_return(model, with_end(row, model), horizon, gamma)
             for model, row in zip(made, policy, strict=True)
         ]
-        found = expected_return(policy, exact_problem(tasks, given))
+        found = expected_return(policy, replace(tasks, discount=gamma))
         np.testing.assert_allclose(found.numpy(), expected, rtol=1e-12)
 
 
@@ -70,7 +72,7 @@ def test_storm_values_the_induced_chain_the_same(
     made = models()
     tasks = task_batch(made, horizon, discount, torch.float64)
     policy = random_table(tasks.enabled, 5)
-    found = expected_return(policy, exact_problem(tasks, discount=1.0))
+    found = expected_return(policy, replace(tasks, discount=1.0))
     for n, model in enumerate(made):
         path, acting = tmp_path / f"{n}.umb", with_end(policy[n], model)
         write_induced_chain(model, acting, path)
@@ -88,25 +90,31 @@ def test_down_then_right_then_stop_earns_the_papers_optimum(goal: tuple[int, int
     action = np.where((rows == goal[0]) & (columns == goal[1]), ACTIONS.index("stop"), way)
     policy = torch.nn.functional.one_hot(torch.from_numpy(action), tasks.num_actions) * tasks.enabled
     steps = sum(goal)
-    assert expected_return(policy.float(), exact_problem(tasks, 1.0)).tolist() == [optimum]
+    assert expected_return(policy.float(), replace(tasks, discount=1.0)).tolist() == [optimum]
     # geometric series of -0.5 over the way, then the prize
     discounted = -0.5 * (1 - DISCOUNT**steps) / (1 - DISCOUNT) + 10 * DISCOUNT**steps
-    found = expected_return(policy.float(), exact_problem(tasks)).item()
+    found = expected_return(policy.float(), tasks).item()
     assert found == pytest.approx(discounted, rel=1e-5)
 
 
-def policy_gradient(policy: Tensor, problem: ExactProblem) -> Tensor:
+Return = Callable[[Tensor, TaskBatch, Span], Tensor]
+
+
+def policy_gradient(policy: Tensor, tasks: TaskBatch, span: Span, of: Return = expected_return) -> Tensor:
     """dJ/dpi [N, S, A]."""
     leaf = policy.detach().clone().requires_grad_()
-    (gradient,) = torch.autograd.grad(expected_return(leaf, problem).sum(), leaf)
+    (gradient,) = torch.autograd.grad(of(leaf, tasks, span).sum(), leaf)
     return gradient
 
 
-def hessian_times(policy: Tensor, direction: Tensor, problem: ExactProblem) -> Tensor:
-    """The Hessian of J times a direction [N, S, A]."""
-    table = policy.detach().numpy()
-    found = values(table, problem.tasks, problem.horizon)
-    return torch.from_numpy(hessian_product(table, found, direction.numpy(), problem.tasks))
+def hessian_times(
+    policy: Tensor, direction: Tensor, tasks: TaskBatch, span: Span, of: Return = expected_return
+) -> Tensor:
+    """The Hessian of J times a direction [N, S, A]: a backward pass through a backward pass."""
+    leaf = policy.detach().clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(of(leaf, tasks, span).sum(), leaf, create_graph=True)
+    (product,) = torch.autograd.grad(gradient, leaf, direction)
+    return product
 
 
 SPANS: list[Span] = ["horizon", "infinite"]
@@ -126,70 +134,69 @@ def _relative_error(found: Tensor, expected: Tensor) -> float:
 def test_the_gradient_is_the_slope_of_the_return(tasks: Callable[[], TaskBatch], span: Span) -> None:
     # the return is a smooth function of the policy, also off the simplex
     made = tasks()
-    problem, policy = exact_problem(made, span=span), random_table(made.enabled, 1).requires_grad_()
-    gradient = policy_gradient(policy, problem)
+    policy = random_table(made.enabled, 1).requires_grad_()
+    gradient = policy_gradient(policy, made, span)
     weights = torch.randn(made.num_tasks, generator=seeded(2), dtype=torch.float64)
-    (backward,) = torch.autograd.grad(expected_return(policy, problem) @ weights, policy)
+    (backward,) = torch.autograd.grad(expected_return(policy, made, span) @ weights, policy)
     assert _relative_error(backward, gradient * weights[:, None, None]) < 1e-12
     for seed in range(5):
         direction = torch.randn(policy.shape, generator=seeded(seed), dtype=torch.float64) * made.enabled
-        slope = _central(lambda table: expected_return(table, problem), policy.detach(), direction)
+        slope = _central(lambda table: expected_return(table, made, span), policy.detach(), direction)
         assert _relative_error((gradient * direction).sum(dim=(1, 2)), slope) < 1e-6
 
 
 def test_every_entry_of_the_gradient_is_a_slope() -> None:
     tasks = ring_batch()
-    problem, policy = exact_problem(tasks), random_table(tasks.enabled, 4)
+    policy = random_table(tasks.enabled, 4)
     entries = torch.eye(policy[0].numel(), dtype=torch.float64).view(-1, *policy.shape[1:])
     slopes = [
-        _central(lambda table: expected_return(table, problem), policy, entry.expand_as(policy))
+        _central(lambda table: expected_return(table, tasks), policy, entry.expand_as(policy))
         for entry in entries
     ]
     expected = torch.stack(slopes, dim=-1).view_as(policy)
-    assert _relative_error(policy_gradient(policy, problem), expected) < 1e-6
+    assert _relative_error(policy_gradient(policy, tasks, "horizon"), expected) < 1e-6
 
 
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("tasks", BATCHES)
 def test_the_hessian_product_is_the_slope_of_the_gradient(tasks: Callable[[], TaskBatch], span: Span) -> None:
     made = tasks()
-    problem, policy = exact_problem(made, span=span), random_table(made.enabled, 1)
+    policy = random_table(made.enabled, 1)
     for seed in range(5):
         direction = torch.randn(policy.shape, generator=seeded(seed), dtype=torch.float64) * made.enabled
-        product = hessian_times(policy, direction, problem)
-        slope = _central(lambda table: policy_gradient(table, problem), policy, direction)
+        product = hessian_times(policy, direction, made, span)
+        slope = _central(lambda table: policy_gradient(table, made, span), policy, direction)
         assert _relative_error(product, slope) < 1e-6
 
 
 def _unrolled(policy: Tensor, tasks: TaskBatch, discount: float) -> Tensor:
     """The recursion over dense arrays [N, S, A, S], left to automatic differentiation."""
-    arrives = torch.nn.functional.one_hot(tasks.next_state, tasks.num_states).to(tasks.dtype)
-    goes_on = torch.einsum("nsak,nsakz->nsaz", tasks.survival, arrives)
+    goes_on = dense(tasks, tasks.branch_prob * tasks.branch_continuation)
     values = torch.zeros_like(tasks.initial)
-    for _ in range(tasks.horizon):
+    for _ in range(tasks.longest_horizon):
         of_actions = tasks.expected_reward + discount * torch.einsum("nsaz,nz->nsa", goes_on, values)
         values = (policy * of_actions).sum(dim=-1)
     return (tasks.initial * values).sum(dim=-1)
 
 
-@pytest.mark.parametrize("discount", [None, 1.0])
-def test_derivatives_equal_those_of_the_unrolled_dense_recursion(discount: float | None) -> None:
-    tasks = ring_batch()
-    problem, policy = exact_problem(tasks, discount), random_table(tasks.enabled, 6).requires_grad_()
-    dense = _unrolled(policy, tasks, RING_DISCOUNT if discount is None else discount)
-    (gradient,) = torch.autograd.grad(dense.sum(), policy, create_graph=True)
+@pytest.mark.parametrize("discount", [RING_DISCOUNT, 1.0])
+def test_derivatives_equal_those_of_the_unrolled_dense_recursion(discount: float) -> None:
+    tasks = replace(ring_batch(), discount=discount)
+    policy = random_table(tasks.enabled, 6).requires_grad_()
+    unrolled = _unrolled(policy, tasks, discount)
+    (gradient,) = torch.autograd.grad(unrolled.sum(), policy, create_graph=True)
     direction = torch.randn(policy.shape, generator=seeded(1), dtype=torch.float64)
     (product,) = torch.autograd.grad(gradient, policy, direction)
-    found = policy_gradient(policy, problem)
-    found_product = hessian_times(policy, direction, problem)
-    torch.testing.assert_close(expected_return(policy, problem), dense, rtol=1e-12, atol=0)
+    found = policy_gradient(policy, tasks, "horizon")
+    found_product = hessian_times(policy, direction, tasks, "horizon")
+    torch.testing.assert_close(expected_return(policy, tasks), unrolled, rtol=1e-12, atol=0)
     torch.testing.assert_close(found, gradient, rtol=1e-10, atol=1e-12)
     torch.testing.assert_close(found_product, product, rtol=1e-10, atol=1e-12)
 
 
 def test_disabled_actions_and_unreachable_states_have_no_gradient() -> None:
     tasks = grid_batch(0.2)
-    gradient = policy_gradient(random_table(tasks.enabled, 0), exact_problem(tasks))
+    gradient = policy_gradient(random_table(tasks.enabled, 0), tasks, "horizon")
     assert torch.all(gradient[~tasks.enabled] == 0)
     assert torch.count_nonzero(gradient[tasks.enabled]) > 100
 
@@ -197,29 +204,96 @@ def test_disabled_actions_and_unreachable_states_have_no_gradient() -> None:
 @pytest.mark.parametrize("discount", [0.5, 0.99])
 def test_the_infinite_span_is_that_of_the_linear_equations(discount: float) -> None:
     """V = (1 - C)^-1 r with dense arrays, and the limit of ever longer horizons."""
-    tasks = ring_batch()
+    tasks = replace(ring_batch(), discount=discount)
     policy = random_table(tasks.enabled, 8)
-    found = expected_return(policy, exact_problem(tasks, discount, "infinite"))
-    arrives = torch.nn.functional.one_hot(tasks.next_state, tasks.num_states).to(tasks.dtype)
-    chain = discount * torch.einsum("nsa,nsak,nsakz->nsz", policy, tasks.survival, arrives)
+    found = expected_return(policy, tasks, "infinite")
+    chain = torch.einsum("nsa,nsaz->nsz", policy, dense(tasks, tasks.weight))
     gains = (policy * tasks.expected_reward).sum(dim=-1)
     identity = torch.eye(tasks.num_states, dtype=tasks.dtype)
     solved = torch.linalg.solve(identity - chain, gains)
     torch.testing.assert_close(found, (tasks.initial * solved).sum(dim=-1), rtol=1e-10, atol=0)
-    long = expected_return(policy, exact_problem(replace(tasks, horizon=3000), discount))
+    long = expected_return(policy, with_horizon(tasks, 3000))
     torch.testing.assert_close(found, long, rtol=1e-10, atol=0)
 
 
 def test_an_infinite_span_needs_a_discount() -> None:
     with pytest.raises(InputError, match="need a discount below 1, it is 1"):
-        exact_problem(ring_batch(), 1.0, "infinite")
+        expected_return(
+            random_table(ring_batch().enabled, 0), replace(ring_batch(), discount=1.0), "infinite"
+        )
 
 
 def test_single_precision_stays_single() -> None:
     tasks = grid_batch(0.2, torch.float32)
     policy = random_table(tasks.enabled, 3)
-    found = expected_return(policy.float(), exact_problem(tasks))
+    found = expected_return(policy.float(), tasks)
     assert found.dtype == torch.float32
-    exact = expected_return(policy, exact_problem(grid_batch(0.2)))
+    exact = expected_return(policy, grid_batch(0.2))
     # 18 steps of some 1e-7 each
     torch.testing.assert_close(found.double(), exact, rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("span", SPANS)
+@pytest.mark.parametrize("tasks", BATCHES)
+def test_plain_torch_is_the_second_route(tasks: Callable[[], TaskBatch], span: Span) -> None:
+    """Values, gradients and Hessian products, left to automatic differentiation."""
+    made = tasks()
+    made = with_horizon(made, [7, made.longest_horizon, 2][: made.num_tasks])
+    policy = random_table(made.enabled, 2)
+    direction = torch.randn(policy.shape, generator=seeded(3), dtype=torch.float64)
+    torch.testing.assert_close(
+        expected_return(policy, made, span), plain_return(policy, made, span), rtol=1e-10, atol=0
+    )
+    for derivative in (policy_gradient, lambda *given: hessian_times(given[0], direction, *given[1:])):
+        found, plain = (derivative(policy, made, span, of) for of in (expected_return, plain_return))
+        assert _relative_error(found, plain) < 1e-10
+
+
+def test_tasks_may_have_horizons_of_their_own() -> None:
+    tasks, horizons = ring_batch(), [3, 12, 1]
+    policy = random_table(tasks.enabled, 5)
+    together = with_horizon(tasks, horizons)
+    direction = torch.randn(policy.shape, generator=seeded(3), dtype=torch.float64)
+    for n, horizon in enumerate(horizons):
+        alone, own = with_horizon(tasks[[n]], horizon), policy[n : n + 1]
+        assert expected_return(policy, together)[n] == expected_return(own, alone)[0]
+        found = policy_gradient(policy, together, "horizon")[n]
+        assert torch.equal(found, policy_gradient(own, alone, "horizon")[0])
+        product = hessian_times(policy, direction, together, "horizon")[n]
+        assert torch.equal(product, hessian_times(own, direction[n : n + 1], alone, "horizon")[0])
+
+
+@pytest.mark.parametrize("span", SPANS)
+def test_a_deterministic_policy_has_the_gradient_of_what_it_never_does(span: Span) -> None:
+    """What is never done is 0 in the policy, but not in its derivatives."""
+    tasks = ring_batch()
+    wanted = random_table(tasks.enabled, 3).argmax(dim=-1)
+    policy = torch.nn.functional.one_hot(wanted, tasks.num_actions).double() * tasks.enabled
+    direction = torch.randn(policy.shape, generator=seeded(4), dtype=torch.float64)
+    found, plain = (policy_gradient(policy, tasks, span, of) for of in (expected_return, plain_return))
+    torch.testing.assert_close(found, plain, rtol=1e-9, atol=1e-10)
+    found, plain = (
+        hessian_times(policy, direction, tasks, span, of) for of in (expected_return, plain_return)
+    )
+    torch.testing.assert_close(found, plain, rtol=1e-9, atol=1e-10)
+
+
+def test_a_hessian_product_is_differentiable_in_its_direction() -> None:
+    """The Hessian is symmetric: u' H v has the gradient H u in v."""
+    tasks = ring_batch()
+    policy = random_table(tasks.enabled, 1).requires_grad_()
+    (gradient,) = torch.autograd.grad(expected_return(policy, tasks).sum(), policy, create_graph=True)
+    one, other = torch.randn(2, *policy.shape, generator=seeded(5), dtype=torch.float64)
+    direction = one.clone().requires_grad_()
+    (product,) = torch.autograd.grad(gradient, policy, direction, create_graph=True)
+    (found,) = torch.autograd.grad(product, direction, other)
+    torch.testing.assert_close(found, hessian_times(policy, other, tasks, "horizon"))
+
+
+def test_a_third_derivative_is_refused() -> None:
+    tasks = ring_batch()
+    policy = random_table(tasks.enabled, 1).requires_grad_()
+    gradient = return_gradient(policy, tasks)
+    (product,) = torch.autograd.grad(gradient.sum(), policy, create_graph=True)
+    with pytest.raises(RuntimeError):
+        torch.autograd.grad(product.sum(), policy)

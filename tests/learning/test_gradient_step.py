@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
-from merap.learning.core import surrogate as core
-from merap.learning.core.surrogate import Baseline
-from merap.learning.exact import exact_problem, expected_return
+from merap.learning import surrogate as module
+from merap.learning.config import Baseline
+from merap.learning.episodes import Episodes, rollout
+from merap.learning.exact import expected_return
 from merap.learning.gradient_step import StepRule, behaviour, sampled_step
 from merap.learning.policy import Parameters, explore, policy_table, stack_parameters
-from merap.learning.rollout import Episodes, rollout, sampler
+from merap.learning.surrogate import Surrogate
 from merap.learning.tasks import TaskBatch
 from merap.learning.threads import one_thread
 from tests.support.learning_examples import (
@@ -50,28 +51,16 @@ def _setting(seed: int = 0) -> tuple[TaskBatch, Parameters, Parameters]:
 
 def _sampled(tasks: TaskBatch, parameters: Parameters, rule: StepRule, num_episodes: int) -> Episodes:
     acting = behaviour(smooth_network(tasks), parameters, tasks.enabled, rule)
-    return rollout(acting, sampler(tasks), num_episodes, seeded(9))
-
-
-@dataclass(frozen=True)
-class Surrogate:
-    """The core's, as tensors."""
-
-    gradient: Tensor
-    scale: Tensor
-    variance: Tensor
+    return rollout(acting, tasks, num_episodes, seeded(9))
 
 
 def surrogate(episodes: Episodes, blame: Tensor, rule: StepRule, variance: Tensor | None) -> Surrogate:
-    judgement = rule.judgement(variance)
-    found = core.surrogate(episodes.arrays, blame.numpy(), judgement, tuple(blame.shape))
-    return Surrogate(*map(torch.from_numpy, found))
+    return module.surrogate(episodes, rule.advantage_rule(variance), blame.shape, blame)
 
 
 def _advantages(episodes: Episodes, num_states: int, rule: StepRule, task: int) -> Tensor:
     """[B, T], normalised over the active steps of one task."""
-    every = core.advantages(episodes.arrays, num_states, rule.judgement(None))
-    advantage = torch.from_numpy(every)[task]
+    advantage = module.advantages(episodes, num_states, rule.advantage_rule(None))[task]
     of_steps = advantage[episodes.active[task]]
     # 1e-3 is the least deviation
     deviation = (of_steps.var(correction=0) + 1e-6).sqrt()
@@ -244,16 +233,15 @@ def test_the_mean_of_sampled_gradients_is_the_gradient_of_the_return() -> None:
     network = smooth_network(tasks)
     rule = replace(RULE, discount=1.0, baseline="linear")
     table = policy_table(network, parameters, tasks.enabled).requires_grad_()
-    (gradient,) = torch.autograd.grad(expected_return(table, exact_problem(tasks, 1.0)).sum(), table)
+    (gradient,) = torch.autograd.grad(expected_return(table, replace(tasks, discount=1.0)).sum(), table)
     table = table.detach()
     # the derivative in the logits: log pi's with the softmax taken off
     of_log = gradient * table
     expected = of_log - table * of_log.sum(dim=-1, keepdim=True)
     generator, found = seeded(5), []
     with one_thread():
-        layout = sampler(tasks)
         for _ in range(40):
-            episodes = rollout(table, layout, 4_000, generator)
+            episodes = rollout(table, tasks, 4_000, generator)
             one = surrogate(episodes, torch.ones_like(table), rule, None)
             of_log = -one.gradient / one.scale[:, None, None]
             found.append(of_log - table * of_log.sum(dim=-1, keepdim=True))

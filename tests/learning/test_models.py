@@ -15,12 +15,12 @@ from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from merap.errors import ModelError
 from merap.learning.config import TrainingConfig
-from merap.learning.exact import exact_problem, expected_return
+from merap.learning.episodes import rollout
+from merap.learning.exact import expected_return
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy
 from merap.learning.models import train_models
 from merap.learning.policy import policy_table, stack_parameters
-from merap.learning.rollout import rollout, sampler
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.gymnasium_import import import_gymnasium
 from merap.mdp.model import Floats, TabularMDP
@@ -92,18 +92,14 @@ def before_and_after(seed: int) -> tuple[Floats, Floats]:
 def curves(meta: MetaPolicy, tasks: TaskBatch, seed: int) -> Floats:
     """float64 [steps + 1, N], exact returns before and after each step of 35 episodes."""
     generator = seeded(seed)
-    parameters, problem, simulated = (
-        stack_parameters(meta.parameters, tasks.num_tasks),
-        exact_problem(tasks),
-        sampler(tasks),
-    )
+    parameters = stack_parameters(meta.parameters, tasks.num_tasks)
     values = []
     for _ in range(STEPS + 1):
         with torch.no_grad():
             policy = policy_table(meta.network, parameters, tasks.enabled)
-        values.append(expected_return(policy, problem).double().numpy())
+        values.append(expected_return(policy, tasks).double().numpy())
         exploring = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
-        episodes = rollout(exploring, simulated, 35, generator)
+        episodes = rollout(exploring, tasks, 35, generator)
         parameters = sampled_step(
             meta.network, parameters, meta.step_sizes, tasks.enabled, episodes, meta.rule, meta.variance
         ).parameters

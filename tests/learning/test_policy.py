@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 import torch
 
-from merap.learning.core.network import Activation
+from merap.learning.config import Activation
 from merap.learning.policy import (
     PolicyNetwork,
     action_logits,

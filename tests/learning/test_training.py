@@ -12,16 +12,17 @@ import pytest
 import torch
 
 from merap.errors import ModelError
-from merap.learning import running
-from merap.learning.checkpoint import CHECKPOINT_FILE
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
-from merap.learning.metrics import UpdateMetrics
-from merap.learning.run_folder import read_run
-from merap.learning.running import begin_run, resume, train_run
+from merap.learning.models import train_tasks
+from merap.learning.progress import UpdateMetrics
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.threads import one_thread
-from merap.learning.training import initial_state, meta_policy, outcome, policy_network, train, updates
+from merap.learning.training import initial_state, meta_policy, outcome, policy_network, updates
+from merap.runs import train as training_run
+from merap.runs.checkpoint import CHECKPOINT_FILE
+from merap.runs.run_folder import read_run
+from merap.runs.train import begin_run, resume, train_run
 from tests.support.grid_tasks import DISCOUNT, HORIZON, grid_model, grid_task
 from tests.support.trained_runs import (
     SMALL,
@@ -75,8 +76,8 @@ def same(one: MetaPolicy, other: MetaPolicy) -> bool:
 
 
 def test_a_seed_gives_the_same_bits_and_another_seed_others(tasks: TaskBatch) -> None:
-    first, again = train(tasks, CONFIG), train(tasks, CONFIG)
-    other = train(tasks, CONFIG.model_copy(update={"seed": 1}))
+    first, again = train_tasks(tasks, CONFIG), train_tasks(tasks, CONFIG)
+    other = train_tasks(tasks, CONFIG.model_copy(update={"seed": 1}))
     assert same(first, again)
     for name in first.parameters:
         assert not torch.equal(first.parameters[name], other.parameters[name])
@@ -92,16 +93,16 @@ def test_a_seed_gives_the_same_run_folder(undisturbed: Path, tmp_path: Path) -> 
 def test_the_global_generator_is_neither_used_nor_changed(tasks: TaskBatch) -> None:
     torch.manual_seed(0)
     before = torch.random.get_rng_state()
-    first = train(tasks, CONFIG)
+    first = train_tasks(tasks, CONFIG)
     assert torch.equal(torch.random.get_rng_state(), before)
     torch.manual_seed(1)
-    assert same(train(tasks, CONFIG), first)
+    assert same(train_tasks(tasks, CONFIG), first)
 
 
 def test_the_number_of_threads_changes_nothing(tasks: TaskBatch) -> None:
-    first = train(tasks, CONFIG)
+    first = train_tasks(tasks, CONFIG)
     torch.set_num_threads(2)
-    assert same(train(tasks, CONFIG), first)
+    assert same(train_tasks(tasks, CONFIG), first)
 
 
 @pytest.mark.parametrize("every_update", [False, True], ids=["before a checkpoint", "after checkpoints"])
@@ -109,7 +110,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every_update: bool
 ) -> None:
     # In the first case none falls due in these few milliseconds.
-    monkeypatch.setattr(running, "SECONDS_BETWEEN_CHECKPOINTS", -1.0 if every_update else 3600.0)
+    monkeypatch.setattr(training_run, "SECONDS_BETWEEN_CHECKPOINTS", -1.0 if every_update else 3600.0)
     run = begin_run(tmp_path / "run", grid_case(), CONFIG)
     with pytest.raises(InterruptionError):
         train_run(run, interrupt_at(INTERRUPTED_AT))
@@ -125,7 +126,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
 def test_a_run_may_be_interrupted_at_every_update(
     undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "SECONDS_BETWEEN_CHECKPOINTS", -1.0)
+    monkeypatch.setattr(training_run, "SECONDS_BETWEEN_CHECKPOINTS", -1.0)
     run = begin_run(tmp_path / "run", grid_case(), CONFIG)
     for update in range(2, CONFIG.updates + 1):
         with pytest.raises(InterruptionError):
@@ -157,10 +158,7 @@ def test_both_rates_fall_along_a_cosine(tasks: TaskBatch) -> None:
         updates=4, hidden=(4,), episodes=2, learning_rate=0.2, step_size_learning_rate=0.4
     )
     state = initial_state(policy_network(tasks, config), config)
-    rates = [
-        (metrics.learning_rate, state.optimizer.param_groups[1]["lr"])
-        for metrics in updates(tasks, config, state)
-    ]
+    rates = [(metrics.learning_rate, state.optimizer.rates[1]) for metrics in updates(tasks, config, state)]
     # Down to a tenth: 0.1 + 0.9 (1 + cos(pi k / 4)) / 2 for k = 0..3.
     parts = [1, 0.1 + 0.45 * (1 + math.sqrt(0.5)), 0.55, 0.1 + 0.45 * (1 - math.sqrt(0.5))]
     assert rates == [pytest.approx((0.2 * part, 0.4 * part)) for part in parts]
@@ -168,16 +166,16 @@ def test_both_rates_fall_along_a_cosine(tasks: TaskBatch) -> None:
 
 def test_step_sizes_stay_where_they_begin_if_their_rate_is_0(tasks: TaskBatch) -> None:
     config = CONFIG.model_copy(update={"step_size": 0.25, "step_size_learning_rate": 0.0})
-    policy = train(tasks, config)
+    policy = train_tasks(tasks, config)
     for size in policy.step_sizes.values():
         torch.testing.assert_close(size, torch.full_like(size, 0.25))
-    learned = train(tasks, CONFIG).step_sizes
+    learned = train_tasks(tasks, CONFIG).step_sizes
     assert any(not torch.allclose(size, torch.full_like(size, 0.5)) for size in learned.values())
 
 
 def test_what_an_update_shows_is_within_its_bounds(tasks: TaskBatch) -> None:
     rows: list[UpdateMetrics] = []
-    train(tasks, CONFIG, rows.append)
+    train_tasks(tasks, CONFIG, rows.append)
     # Never better than 10 at once, never worse than -0.5 a step for ever.
     for row in rows:
         assert -0.5 / (1 - DISCOUNT) <= row.meta_return <= 10
@@ -193,7 +191,7 @@ def test_training_raises_what_it_maximises(tasks: TaskBatch) -> None:
     """Without entropy the only objective is the adapted return: -4.4 before, -2.7 after (measured)."""
     rows: list[UpdateMetrics] = []
     config = TrainingConfig(updates=30, hidden=(16,), entropy=0.0)
-    train(tasks, config, rows.append)
+    train_tasks(tasks, config, rows.append)
     assert rows[-1].adapted_return > rows[0].adapted_return + 1
 
 
@@ -215,7 +213,7 @@ def test_every_way_of_learning_improves_the_adapted_return(
     """From -4.4 or so; measured gains of 40 updates are between 0.5 and 3."""
     rows: list[UpdateMetrics] = []
     given = {"updates": 40, "hidden": (16,), "entropy": 0.0, "episodes": 35, **settings}
-    train(tasks, TrainingConfig.model_validate(given), rows.append)
+    train_tasks(tasks, TrainingConfig.model_validate(given), rows.append)
     first, last = (sum(row.adapted_return for row in part) / 5 for part in (rows[:5], rows[-5:]))
     assert last > first + 0.25, (first, last)
 
@@ -223,7 +221,7 @@ def test_every_way_of_learning_improves_the_adapted_return(
 def test_a_trust_region_bounds_every_step(tasks: TaskBatch) -> None:
     rows: list[UpdateMetrics] = []
     config = TrainingConfig(estimator="sampled", updates=10, hidden=(8,), max_kl=0.003)
-    train(tasks, config, rows.append)
+    train_tasks(tasks, config, rows.append)
     for row in rows:
         assert 0 <= row.kl <= 0.003
         assert row.step_length == 0 or row.kl > 0
@@ -302,7 +300,7 @@ def test_other_optimizers_go_on_bit_for_bit_too(
 ) -> None:
     config = SMALL.model_copy(update={"outer": outer, "updates": 14, "patience": 100})
     whole = trained(tmp_path / "whole", config)
-    monkeypatch.setattr(running, "SECONDS_BETWEEN_CHECKPOINTS", -1.0)
+    monkeypatch.setattr(training_run, "SECONDS_BETWEEN_CHECKPOINTS", -1.0)
     run = begin_run(tmp_path / "run", grid_case(), config)
     with pytest.raises(InterruptionError):
         train_run(run, interrupt_at(12))

@@ -9,18 +9,17 @@ import torch
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.families.build import canonical
-from merap.learning.checkpoint import read_policy
 from merap.learning.config import TrainingConfig
-from merap.learning.exact import exact_problem, expected_return
+from merap.learning.episodes import rollout
+from merap.learning.exact import expected_return
 from merap.learning.gradient_step import behaviour, sampled_step
-from merap.learning.meta import MetaPolicy
+from merap.learning.meta import MetaPolicy, carried_over
 from merap.learning.models import train_models
 from merap.learning.policy import policy_table, stack_parameters
-from merap.learning.rollout import rollout, sampler
-from merap.learning.running import tasks_of
 from merap.learning.tasks import TaskBatch, task_batch
-from merap.learning.transfer import carried_over
 from merap.mdp.model import TabularMDP
+from merap.runs.checkpoint import read_policy
+from merap.runs.train import tasks_of
 from merap.strategies.adaptation import adapt
 from tests.support.hand_made import grid_combination
 from tests.support.learning_examples import ring_batch, seeded
@@ -55,15 +54,15 @@ def test_parameters_of_a_small_grid_run_and_adapt_on_a_larger_one() -> None:
     tasks = grids_of(9, (2, 2), (1, 3), (3, 1), (3, 2), (2, 3), (4, 2))
     carried = carried_over(meta, tasks)
     assert carried.network.num_states == 82
-    problem, generator = exact_problem(tasks), seeded(0)
+    generator = seeded(0)
     parameters = stack_parameters(carried.parameters, tasks.num_tasks)
     values = []
     for _ in range(6):
         with torch.no_grad():
             policy = policy_table(carried.network, parameters, tasks.enabled)
-        values.append(expected_return(policy, problem).mean().item())
+        values.append(expected_return(policy, tasks).mean().item())
         exploring = behaviour(carried.network, parameters, tasks.enabled, carried.rule)
-        episodes = rollout(exploring, sampler(tasks), 35, generator)
+        episodes = rollout(exploring, tasks, 35, generator)
         parameters = sampled_step(
             carried.network,
             parameters,

@@ -11,11 +11,11 @@ from safetensors.numpy import load
 
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder
 from merap.mapek.records import EpisodeRow
 from merap.mapek.replaying import check_decisions
 from merap.mapek.run import run_loop
 from merap.mapek.scenario import Scenario
+from merap.runs.run_folder import RunFolder
 from tests.support.loop_runs import scenario, timeless
 from tests.support.paths import MODELS
 from tests.support.trained_runs import trained

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder
 from merap.mapek.run import GONE
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import merap, refused
 from tests.support.faulty_lake import FAULTS
 from tests.support.paths import MODELS

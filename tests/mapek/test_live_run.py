@@ -19,7 +19,6 @@ from merap.families.build import model_of
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.event_log import JsonLines
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder
 from merap.mapek.records import EpisodeRow
 from merap.mapek.replaying import check_decisions
 from merap.mapek.run import GONE, run_loop
@@ -27,6 +26,7 @@ from merap.mapek.scenario import Scenario
 from merap.mapek.serving import served_scenario
 from merap.mdp.planning import optimum
 from merap.report.timeline import draw_timeline
+from merap.runs.run_folder import RunFolder
 from merap.strategies.evaluation import evaluator
 from merap.strategies.protocol import episode
 from merap.systems.interface import SystemFault

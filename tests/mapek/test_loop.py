@@ -9,8 +9,6 @@ import pytest
 
 from merap.belief.outside import Outside
 from merap.belief.space import hypothesis_space
-from merap.learning.run_folder import RunFolder
-from merap.learning.running import train
 from merap.mapek.components import make_components
 from merap.mapek.executor import MAX_FAULTS, Executor
 from merap.mapek.loop import Components, Loop
@@ -19,6 +17,8 @@ from merap.mapek.planner import Planner
 from merap.mapek.records import EpisodeLog
 from merap.mapek.run import run_loop
 from merap.mdp.model import Bools
+from merap.runs.run_folder import RunFolder
+from merap.runs.train import train
 from merap.shield.learning_shield import LearningShield, ShieldSettings, Unshielded
 from merap.systems.interface import Observation
 from tests.support.loop_runs import MOVED, Unsound, doubtful, scenario

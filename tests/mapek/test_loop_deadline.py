@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from merap.knowledge.base import KnowledgeBase, open_knowledge
-from merap.learning.run_folder import RunFolder
 from merap.mapek import managers
 from merap.mapek.records import EpisodeRow
 from merap.mapek.replaying import check_decisions
 from merap.mapek.run import run_loop
 from merap.mdp.model import Bools, Floats
+from merap.runs.run_folder import RunFolder
 from merap.shield.shielded_strategy import Restrictable
 from merap.strategies.registry import StrategyContext, make_strategy
 from merap.systems.deadline import Lateness

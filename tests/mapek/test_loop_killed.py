@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from merap.knowledge.base import open_knowledge
-from merap.learning.run_folder import RunFolder
 from merap.mapek.run import run_loop
 from merap.mapek.scenario import Scenario
+from merap.runs.run_folder import RunFolder
 from tests.support.loop_child import go
 from tests.support.loop_runs import scenario, timeless
 from tests.support.trained_runs import trained

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from merap.errors import InputError
-from merap.learning.run_folder import RunFolder
 from merap.mapek.managers import MANAGERS, Manager, RandomStrategy, ReactiveStrategy, make_manager
 from merap.mapek.scenario_schema import StrategySpec
 from merap.mdp.planning import optimum, worst_value
+from merap.runs.run_folder import RunFolder
 from merap.strategies.evaluation import executed
 from merap.strategies.registry import StrategyContext
 from merap.systems.interface import Observation

@@ -13,9 +13,9 @@ from merap.knowledge.engine import default_url
 from merap.knowledge.event_log import FILE_NAME, JsonLines
 from merap.knowledge.export import event_record
 from merap.knowledge.rows import DecisionRow
-from merap.learning.run_folder import RunFolder
 from merap.mapek.replaying import check_decisions
 from merap.mapek.run import run_loop
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import CommandLine
 from tests.support.loop_runs import MOVED, scenario
 from tests.support.trained_runs import trained

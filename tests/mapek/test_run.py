@@ -11,12 +11,12 @@ import pytest
 from merap.errors import InputError, StorageError
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.event_log import JsonLines
-from merap.learning.run_folder import RunFolder
 from merap.mapek import run_store
 from merap.mapek.records import EpisodeRow
 from merap.mapek.run import run_loop
 from merap.mapek.run_store import umb_bytes
 from merap.mdp.model import TabularMDP
+from merap.runs.run_folder import RunFolder
 from merap.systems.interface import ManagedSystem
 from merap.systems.retrying import Retries, RetryingSystem
 from tests.support.loop_runs import MOVED, Unsound, scenario, timeless

@@ -8,10 +8,10 @@ import jsonschema
 import pytest
 
 from merap.errors import InputError
-from merap.learning.run_folder import RunFolder
 from merap.mapek.components import make_components, make_trigger
 from merap.mapek.scenario import read_scenario
 from merap.mapek.scenario_schema import scenario_schema
+from merap.runs.run_folder import RunFolder
 from merap.trigger.change import ChangeTrigger
 from merap.trigger.settings import ChangeSettings, TriggerSpec, WindowSettings
 from merap.trigger.trigger import Trigger

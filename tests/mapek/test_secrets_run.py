@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from merap.learning.run_folder import RunFolder
 from merap.mapek.scenario import read_scenario
+from merap.runs.run_folder import RunFolder
 from tests.support.command_line import merap
 from tests.support.guarded_server import GuardedServer
 from tests.support.http_servers import raw_server, served_system

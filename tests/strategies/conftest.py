@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from merap.learning.run_folder import RunFolder
+from merap.runs.run_folder import RunFolder
 from tests.support.trained_runs import ONE_OF_SIXTEEN, SMALL, trained
 
 

@@ -13,10 +13,10 @@ from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.families.build import canonical
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder
-from merap.learning.running import begin_run
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import Floats
+from merap.runs.run_folder import RunFolder
+from merap.runs.train import begin_run
 from merap.strategies.adaptation import Adaptation, adapt, spread_of_pretrained
 from merap.strategies.problem import Conditions, adaptation_problem
 from merap.strategies.registry import BELIEF, GRADIENT

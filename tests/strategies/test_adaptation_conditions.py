@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.combination import ResetMode
-from merap.learning.run_folder import RunFolder
+from merap.runs.run_folder import RunFolder
 from merap.strategies.adaptation import adapt
 from merap.strategies.problem import Conditions
 from merap.strategies.registry import BELIEF, STRATEGIES

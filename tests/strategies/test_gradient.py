@@ -8,12 +8,12 @@ import torch
 
 from merap.errors import InputError
 from merap.learning.config import TrainingConfig
+from merap.learning.episodes import Episodes
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy, step_rule
+from merap.learning.models import train_tasks
 from merap.learning.policy import PolicyNetwork, initial_parameters, policy_table, stack_parameters
-from merap.learning.rollout import Episodes
 from merap.learning.tasks import TaskBatch, task_batch
-from merap.learning.training import train
 from merap.mdp.model import TabularMDP
 from merap.strategies.evaluation import evaluator, executed, reachable_range
 from merap.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
@@ -228,7 +228,7 @@ def test_a_mask_goes_into_the_logits_and_into_the_gradient() -> None:
 def test_it_adapts(seed: int) -> None:
     goals = block((1, 2), (1, 2))
     tasks = task_batch([grid_model(grid_task(goal)) for goal in goals], HORIZON, DISCOUNT)
-    meta = train(tasks, TrainingConfig(updates=60, seed=seed, learning_rate=0.02))
+    meta = train_tasks(tasks, TrainingConfig(updates=60, seed=seed, learning_rate=0.02))
     met = grid_task((2, 1))
     model = grid_model(met)
     strategy = GradientStrategy(meta, model.valuations, 20, np.random.default_rng(seed))

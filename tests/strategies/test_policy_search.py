@@ -8,7 +8,6 @@ import torch
 
 from merap.concerns.case_study import load_case
 from merap.families.build import model_of
-from merap.learning.exact import exact_problem
 from merap.learning.exact import expected_return as exact_return
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
 from merap.learning.tasks import TaskBatch, task_batch
@@ -89,12 +88,11 @@ def test_the_joint_policy_for_many_obstacles_is_about_as_good_as_the_best_for_on
     case = load_case(MODELS / "paper-grid" / "rq1-2.yaml")
     models = [model_of(case.combination_at(index)) for index in range(0, case.size, 1000)]
     tasks = task_batch(models, HORIZON, DISCOUNT)
-    problem = exact_problem(tasks)
 
     def mean(parameters: Parameters) -> float:
         stacked = stack_parameters(parameters, tasks.num_tasks)
         with torch.no_grad():
-            return float(exact_return(policy_table(NETWORK, stacked, tasks.enabled), problem).mean())
+            return float(exact_return(policy_table(NETWORK, stacked, tasks.enabled), tasks).mean())
 
     separate = separate_parameters(NETWORK, tasks, SEED_SETTINGS)
     single = [mean({name: value[own] for name, value in separate.items()}) for own in range(len(models))]

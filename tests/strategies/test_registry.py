@@ -12,8 +12,8 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from merap.errors import InputError
-from merap.learning.run_folder import RunFolder
 from merap.mdp.model import TabularMDP
+from merap.runs.run_folder import RunFolder
 from merap.strategies.evaluation import evaluator
 from merap.strategies.problem import AdaptationProblem, adaptation_problem
 from merap.strategies.protocol import adaptation_rows

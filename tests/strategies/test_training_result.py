@@ -9,8 +9,8 @@ import pytest
 
 from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder, read_run
-from merap.learning.running import train
+from merap.runs.run_folder import RunFolder, read_run
+from merap.runs.train import train
 from merap.strategies.training_result import MOST_TASKS, TrainingResult, evaluate_training
 from tests.support.paths import MODELS
 from tests.support.trained_runs import ONE_OF_THREE, SMALL, trained

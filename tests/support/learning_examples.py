@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -41,6 +44,19 @@ def ring_batch(dtype: torch.dtype = torch.float64) -> TaskBatch:
 
 def grid_batch(slip: float = 0.0, dtype: torch.dtype = torch.float64) -> TaskBatch:
     return task_batch(grid_models(slip), HORIZON, DISCOUNT, dtype)
+
+
+def dense(tasks: TaskBatch, of_branches: Tensor) -> Tensor:
+    """float64 [N, S, A, S], numbers of branches [B] where these lead to, added up."""
+    shape = (*tasks.enabled.shape, tasks.num_states)
+    number, choice, _, target = tasks.branches
+    place = choice * tasks.num_states + target % tasks.num_states
+    table = torch.zeros(math.prod(shape), dtype=torch.float64)
+    return table.index_add_(0, place, of_branches[number].double()).view(shape)
+
+
+def with_horizon(tasks: TaskBatch, horizon: int | list[int]) -> TaskBatch:
+    return replace(tasks, horizon=torch.as_tensor(horizon).expand(tasks.num_tasks).clone())
 
 
 def random_table(enabled: Tensor, seed: int) -> Tensor:

@@ -6,9 +6,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from merap.knowledge.base import open_knowledge
-from merap.learning.run_folder import read_run
 from merap.mapek.run import run_loop
 from merap.mapek.scenario import read_scenario
+from merap.runs.run_folder import read_run
 
 
 def go(run: Path, scenario: Path, url: str, resume: bool, parent: Connection) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from merap.belief.space import hypothesis_space
-from merap.learning.run_folder import RunFolder
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.components import Guard, make_components, unguarded
 from merap.mapek.loop import Components
 from merap.mapek.scenario import Scenario, read_scenario
 from merap.mapek.scenario_system import ScenarioSystem
 from merap.mapek.scores import LoopReport
+from merap.runs.run_folder import RunFolder
 from merap.systems.interface import ManagedSystem, Observation, SystemFault
 from tests.support.grid_tasks import HORIZON
 from tests.support.loop_examples import Doubtful

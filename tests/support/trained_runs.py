@@ -10,10 +10,10 @@ import numpy as np
 from safetensors.numpy import load_file
 
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.learning.checkpoint import CHECKPOINT_FILE, METRICS_FILE, POLICY_FILE
 from merap.learning.config import TrainingConfig
-from merap.learning.run_folder import RunFolder
-from merap.learning.running import train
+from merap.runs.checkpoint import CHECKPOINT_FILE, METRICS_FILE, POLICY_FILE
+from merap.runs.run_folder import RunFolder
+from merap.runs.train import train
 from tests.support.paths import MODELS
 
 GRIDS = MODELS / "paper-grid"

@@ -1,0 +1,8 @@
+"""Training runs on disk: settings, folder, checkpoints, and what was learned as files to take away.
+
+`__init__.pyi` lists the public names, which are imported when first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
