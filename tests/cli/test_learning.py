@@ -28,7 +28,9 @@ from tests.support.trained_runs import (
 )
 
 # Long enough to be killed in the middle ten times.
-LONG = TrainingConfig(updates=6_000, hidden=(4,), episodes=5)
+SHORT = TrainingConfig(updates=200, hidden=(4,), episodes=5)
+# of training, whatever the machine: ten processes that each get to a checkpoint take some 6 seconds
+SECONDS = 12
 KILLS = 10
 
 
@@ -81,8 +83,11 @@ def test_train_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str],
 @pytest.mark.slow
 def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path) -> None:
     """Parameters, optimizer, generator and metrics are those of an undisturbed run."""
-    undisturbed = trained(tmp_path / "undisturbed", LONG)
-    settings = ["--updates", str(LONG.updates), "--set", "hidden=[4]", "--set", "episodes=5"]
+    begun = time.monotonic()
+    trained(tmp_path / "short", SHORT)
+    updates = int(SHORT.updates * SECONDS / (time.monotonic() - begun))
+    undisturbed = trained(tmp_path / "undisturbed", SHORT.model_copy(update={"updates": updates}))
+    settings = ["--updates", str(updates), "--set", "hidden=[4]", "--set", "episodes=5"]
     out = tmp_path / "killed"
     reached = [0]
     for number in range(KILLS):
@@ -92,7 +97,7 @@ def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path
         )
         try:
             wait_for(lambda: checkpoint_update(out) > reached[-1], process)
-            time.sleep(np.random.default_rng().uniform(0, 0.6))  # at any moment between two checkpoints
+            time.sleep(np.random.default_rng().uniform(0, 0.1))  # at any moment between two checkpoints
         finally:
             os.kill(process.pid, signal.SIGKILL)
         assert process.wait(60) == -signal.SIGKILL
@@ -100,10 +105,10 @@ def test_a_run_killed_ten_times_in_the_middle_goes_on_bit_for_bit(tmp_path: Path
         reached.append(checkpoint_update(out))
     # each process got further, and none to the end
     assert reached == sorted(set(reached))
-    assert reached[-1] < LONG.updates
+    assert reached[-1] < updates
     done = merap("train", "--resume", "-o", out)
     assert done.returncode == 0, done.stderr
-    assert f" {LONG.updates - reached[-1]} updates in" in done.stdout
+    assert f" {updates - reached[-1]} updates in" in done.stdout
     assert what_was_learned(out) == what_was_learned(undisturbed.path)
 
 
