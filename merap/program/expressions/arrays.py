@@ -14,11 +14,10 @@ from functools import partial, reduce
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions.operators import MAX_BITS, MAX_EXPONENT
+from merap.program.expressions.operators import DECIDED_BY_LEFT, MAX_BITS, MAX_EXPONENT
 
 LARGEST = 2**62
 
@@ -165,19 +164,18 @@ def _equal(equal: Callable[[Any, Any], Bools], left: Any, right: Any) -> Truths:
     return Truths(equal(left.value, right.value), left.known & right.known)
 
 
-def _logical(function: Callable[[Bools, Bools], Bools], left: Truths, right: Truths) -> Truths:
-    return Truths(function(left.value, right.value), left.known & right.known)
-
-
-def _implies(left: Bools, right: Bools) -> npt.NDArray[np.bool_]:
-    return np.logical_or(np.logical_not(left), right)
+def _logical(symbol: str, left: Truths, right: Truths) -> Truths:
+    """Decide from the left: where the left side does, the right one may be unknown."""
+    deciding, result = DECIDED_BY_LEFT[symbol]
+    decided = left.value == deciding
+    return Truths(np.where(decided, result, right.value), left.known & (decided | right.known))
 
 
 FUNCTIONS: Mapping[str, Callable[..., Operand]] = {
-    "=>": partial(_logical, _implies),
+    "=>": partial(_logical, "=>"),
     "<=>": partial(_equal, np.equal),
-    "|": partial(_logical, np.logical_or),
-    "&": partial(_logical, np.logical_and),
+    "|": partial(_logical, "|"),
+    "&": partial(_logical, "&"),
     "!": lambda truth: Truths(np.logical_not(truth.value), truth.known),
     "=": partial(_equal, np.equal),
     "!=": partial(_equal, np.not_equal),

@@ -105,7 +105,8 @@ Scope: TypeAlias = Mapping[str, Column | npt.NDArray[Any]]
 def evaluate(expression: Expression, scope: Scope) -> npt.NDArray[Any]:
     """Evaluate over columns that broadcast; bool, or the float64 nearest to each number.
 
-    Of a `?:` only the side that is taken has to be defined.
+    Of a `?:` only the side that is taken has to be defined, of `&`, `|` and `=>` the right side only where
+    the left one does not decide.
 
     Raises:
         InputError: the value is undefined in some step, as after a division by zero.
