@@ -47,11 +47,12 @@ rewards "plain" x > 0 : x/2; endrewards
 GUARDED = """\
 mdp
 const int n;
+formula chance = x>1 & 1/x<0.4 ? 1/x : 1/2;
 module m
   x : [0..4] init 0;
   [a] x>0 & 10/x>3 -> (x'=x-1);
   [b] x=0 | 10/x<6 -> (x'=min(4, x+1));
-  [c] x>0 => mod(8, x)=0 -> (x>1 & 1/x<0.4 ? 1/x : 1/2) : (x'=x>2 ? floor(4/x) : x) + 1-(x>1 & 1/x<0.4 ? 1/x : 1/2) : (x'=4);
+  [c] x>0 => mod(8, x)=0 -> chance : (x'=x>2 ? floor(4/x) : x) + 1-chance : (x'=4);
   [d] x<4 | 10/n>2 -> true;
 endmodule
 label "goal" = x=4;

@@ -22,12 +22,9 @@ def value_of(expression: Expression, state: Mapping[str, Any]) -> Any:
             return state[name]
         case Operation("?:", (condition, taken, other)):
             return value_of(taken if value_of(condition, state) else other, state)
-        case Operation("&", (left, right)):
-            return value_of(left, state) and value_of(right, state)
-        case Operation("|", (left, right)):
-            return value_of(left, state) or value_of(right, state)
-        case Operation("=>", (left, right)):
-            return not value_of(left, state) or value_of(right, state)
+        case Operation("&" | "|" | "=>" as symbol, (left, right)):
+            first = value_of(left, state) != (symbol == "=>")
+            return value_of(right, state) if first == (symbol == "&") else first
         case Operation(symbol, arguments):
             return MEANINGS[symbol](*(value_of(argument, state) for argument in arguments))
 

@@ -42,7 +42,8 @@ class Numbers(ShortRepr):
     known: Bools
 
     def __getitem__(self, codes: Ints) -> Numbers:
-        return Numbers(self.num[codes], self.den[codes], self.known[codes])
+        den = self.den[codes] if self.den.ndim else self.den
+        return Numbers(self.num[codes], den, self.known[codes] if self.known.ndim else self.known)
 
 
 Operand: TypeAlias = Numbers | Truths
