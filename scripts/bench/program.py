@@ -1,4 +1,4 @@
-"""What it costs to explore programs without a model checker: scripts.bench program.
+"""Measure the exploration of programs, and evidence about their parameters: scripts.bench program.
 
 Storm builds the same texts in the same run; the ratio of the two is what to quote.
 """
@@ -21,6 +21,7 @@ from merap.mdp.umb import read_umb
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.form import Program, closed
+from scripts.bench.evidence import evidence_figures
 from scripts.bench.learning import Json, report
 
 T = TypeVar("T")
@@ -59,13 +60,13 @@ def program(
     json_file: Json = None,
     repeats: Annotated[int, typer.Option(help="The fastest of these runs counts.")] = 3,
 ) -> None:
-    """Explore grids breadth-first and chains by a list of states, side by side with Storm."""
+    """Explore grids, and chains by a list of states, side by side with Storm; take in evidence."""
     figures: dict[str, float] = {}
     for side in SIDES:
         figures |= _compared(GRID.format(size=side), f"grid_{side**2}", repeats, by_list=False)
     for length in LENGTHS:
         figures |= _compared(CHAIN.format(size=length), f"chain_{length}", repeats, by_list=True)
-    report("program", figures, json_file)
+    report("program", figures | evidence_figures(), json_file)
 
 
 def _compared(text: str, name: str, repeats: int, *, by_list: bool) -> dict[str, float]:

@@ -82,13 +82,23 @@ def _product(left: Ints, right: Ints) -> tuple[Ints, Bools]:
     return np.where(fits, left, 0) * right, fits
 
 
+def _are_small_and_whole(number: Numbers) -> bool:
+    """Return whether they are 64-bit integers, by a denominator that they share; others may be whole too."""
+    return number.num.dtype == np.int64 and number.den.size == 1 and bool(number.den.item() == 1)
+
+
 def _lowest(num: Ints, den: Ints, known: Bools) -> Numbers:
+    if den.size == 1 and den.item() == 1:
+        return Numbers(num, den, known)
     divisor = np.maximum(np.gcd(num, den), 1)
     return Numbers(num // divisor, np.maximum(den // divisor, 1), known)
 
 
 def _on_one_denominator(left: Numbers, right: Numbers) -> tuple[Ints, Ints, Ints, Bools]:
     """Return both numerators on the least common denominator, that, and where all of them are known."""
+    if _are_small_and_whole(left) and _are_small_and_whole(right):
+        fits = (np.abs(left.num) < LARGEST) & (np.abs(right.num) < LARGEST)
+        return left.num, right.num, left.den, left.known & right.known & fits
     common = np.gcd(left.den, right.den)
     one, one_fits = _product(left.num, right.den // common)
     other, other_fits = _product(right.num, left.den // common)
