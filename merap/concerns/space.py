@@ -11,7 +11,7 @@ import numpy as np
 
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions.values import Column
+from merap.program.expressions import Column
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -43,20 +43,20 @@ def assemble(
     valuations: Ints,
     variable_names: tuple[str, ...],
     action_names: tuple[str, ...],
+    reachable: Bools | None = None,
 ) -> TabularMDP:
     """Sort, merge and index branches into an MDP.
 
     Branches that agree in state, action and target become one: probabilities add up, the
     reward is their mean weighted by probability. The other arguments are those of
-    `TabularMDP`, whose `reachable` is computed.
+    `TabularMDP`, whose `reachable` is computed where it is not known.
 
     Raises:
         ModelError: from `TabularMDP`.
     """
     merged = _merge(branches, len(initial), len(action_names))
-    choice_key = merged.state * len(action_names) + merged.action
-    first = np.flatnonzero(np.diff(choice_key, prepend=-1))
-    choice_to_branch = np.append(first, len(choice_key))
+    first = np.flatnonzero(_changes(merged.state) | _changes(merged.action))
+    choice_to_branch = np.append(first, len(merged.state))
     choice_state = merged.state[first]
     state_to_choice = np.searchsorted(choice_state, np.arange(len(initial) + 1))
     choice_of_branch = np.repeat(np.arange(len(first)), np.diff(choice_to_branch))
@@ -69,7 +69,9 @@ def assemble(
         choice_reward=sum_by(choice_of_branch, merged.prob * merged.reward, len(first)),
         branch_reward=merged.reward,
         initial=initial,
-        reachable=reachable_along(merged.state, merged.target, initial > 0),
+        reachable=reachable_along(merged.state, merged.target, initial > 0)
+        if reachable is None
+        else reachable,
         labels=labels,
         valuations=valuations,
         variable_names=variable_names,
@@ -78,14 +80,32 @@ def assemble(
 
 
 def _merge(branches: Branches, num_states: int, num_actions: int) -> Branches:
-    keep = branches.prob != 0
-    key = (branches.state * num_actions + branches.action) * num_states + branches.target
-    unique, inverse = np.unique(key[keep], return_inverse=True)
-    prob = sum_by(inverse, branches.prob[keep], len(unique))
-    earned = sum_by(inverse, (branches.prob * branches.reward)[keep], len(unique))
-    choice, target = np.divmod(unique, num_states)
-    state, action = np.divmod(choice, num_actions)
-    return Branches(state, action, target, prob, earned / prob)
+    key = branches.state * num_actions
+    key += branches.action
+    key *= num_states
+    key += branches.target
+    order = np.argsort(key, kind="stable")
+    if not branches.prob.all():
+        order = order[branches.prob[order] != 0]
+    is_first = _changes(key[order])
+    first = order[is_first]
+    prob, reward = branches.prob[first], branches.reward[first]
+    reward *= prob
+    repeats = np.flatnonzero(~is_first)
+    if len(repeats):
+        group = np.searchsorted(np.flatnonzero(is_first), repeats) - 1
+        more = branches.prob[order[repeats]]
+        np.add.at(prob, group, more)
+        np.add.at(reward, group, more * branches.reward[order[repeats]])
+    reward /= prob
+    return Branches(branches.state[first], branches.action[first], branches.target[first], prob, reward)
+
+
+def _changes(values: Ints) -> Bools:
+    """bool [M], where a value differs from the one before it; the first one does."""
+    found = np.ones(len(values), dtype=np.bool_)
+    np.not_equal(values[1:], values[:-1], out=found[1:])
+    return found
 
 
 def merge_branches(

@@ -24,16 +24,25 @@ from merap.program.steps import Branches, Choice
 
 def ambiguous_actions(exploration: Exploration) -> frozenset[str]:
     """Return the actions for which some state has more than one choice of commands."""
-    branches, choices = exploration.branches, exploration.choices
-    names = tuple(dict.fromkeys(choice.action for choice in choices if choice.labelled))
-    place = {name: number for number, name in enumerate(names)}
-    action = np.array([place[choice.action] if choice.labelled else -1 for choice in choices], dtype=np.int64)
-    labelled = action[branches.choice] >= 0
-    source = np.searchsorted(exploration.codes, branches.source[labelled])
-    once = np.unique(source * len(choices) + branches.choice[labelled])
-    state, choice = np.divmod(once, max(len(choices), 1))
-    _, first, count = np.unique(state * len(names) + action[choice], return_index=True, return_counts=True)
-    return frozenset(names[action[choice[index]]] for index in first[count > 1])
+    several: dict[str, list[int]] = {}
+    for number, choice in enumerate(exploration.choices):
+        if choice.labelled:
+            several.setdefault(choice.action, []).append(number)
+    return frozenset(
+        action for action, numbers in several.items() if len(numbers) > 1 and _meet(exploration, numbers)
+    )
+
+
+def _meet(exploration: Exploration, numbers: list[int]) -> bool:
+    """Return whether a state has two of some choices."""
+    branches = exploration.branches
+    place = np.full(len(exploration.choices), -1)
+    place[numbers] = np.arange(len(numbers))
+    rows = np.flatnonzero(place[branches.choice] >= 0)
+    source, choice = exploration.place(branches.source[rows]), place[branches.choice[rows]]
+    one = np.full(len(exploration.codes), -1)
+    one[source] = choice
+    return bool(np.any(one[source] != choice))
 
 
 def tabular(
@@ -71,9 +80,9 @@ def tabular(
     branches, codes = whole.branches, whole.codes
     return assemble(
         ActionBranches(
-            state=np.searchsorted(codes, branches.source),
+            state=whole.place(branches.source),
             action=np.array([place[name] for name in names], dtype=np.int64)[branches.choice],
-            target=np.searchsorted(codes, branches.target),
+            target=whole.place(branches.target),
             prob=branches.prob,
             reward=np.zeros(len(branches.prob)) if reward is None else _rewards(program, reward, whole),
         ),
@@ -82,12 +91,15 @@ def tabular(
         valuations=whole.encoding.valuations(codes),
         variable_names=tuple(variable.name for variable in program.variables),
         action_names=action_names,
+        reachable=np.ones(len(codes), dtype=np.bool_),
     )
 
 
 def _without_deadlocks(program: Program, exploration: Exploration, action: str | None) -> Exploration:
     """Give the states without a choice a self-loop; its steps earn the rewards of every step."""
-    stuck = np.setdiff1d(exploration.codes, exploration.branches.source)
+    stepping = np.zeros(len(exploration.codes), dtype=np.bool_)
+    stepping[exploration.place(exploration.branches.source)] = True
+    stuck = exploration.codes[~stepping]
     if not len(stuck):
         return exploration
     if action is None:

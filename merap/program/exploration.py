@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +31,10 @@ MAX_PRODUCT = 10_000_000
 MAX_STATES = 20_000_000
 # A set of visited states is a mask over all valuations if those are not more than these.
 MAX_MASK = 200_000_000
+# States whose steps are computed at once.
+CHUNK = 1 << 16
+# A table over all valuations is worth its while if it is not longer by more than this factor.
+DENSE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +54,21 @@ class Exploration:
     initial: Floats
     branches: Branches
     choices: tuple[Choice, ...]
+
+    def place(self, codes: Ints) -> Ints:
+        """int64 [M], where some of the states stand among all."""
+        if len(self.codes) == self.encoding.size:
+            return codes
+        if self.encoding.size > DENSE * len(codes):
+            return np.searchsorted(self.codes, codes)
+        return self._places[codes]
+
+    @cached_property
+    def _places(self) -> Ints:
+        """int64 [all valuations]."""
+        places = np.full(self.encoding.size, -1)
+        places[self.codes] = np.arange(len(self.codes))
+        return places
 
 
 def explore(program: Program, states: Ints | None = None) -> Exploration:
@@ -140,7 +160,7 @@ def _search(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
         branches = stepper.branches(frontier)
         stepper.require_sound(frontier)
         parts.append(branches)
-        frontier = seen.add(np.unique(branches.target))
+        frontier = seen.add(branches.target)
         found.append(frontier)
         if seen.count > MAX_STATES:
             raise ModelError(f"{stepper.program.name}: there are more than {MAX_STATES} states")
@@ -151,7 +171,7 @@ def _from_all(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
     """Compute the steps of all valuations, and keep those that can be reached."""
     stepper.faults.clear()
     size = stepper.encoding.size
-    branches = stepper.branches(np.arange(size))
+    branches = _in_chunks(stepper, np.arange(size))
     roots = np.zeros(size, dtype=np.bool_)
     roots[starts] = True
     reached = reachable_along(branches.source, branches.target, roots)
@@ -166,14 +186,15 @@ def _given(stepper: Stepper, states: Ints, starts: Ints) -> tuple[Ints, Branches
     highs = np.array([variable.high for variable in encoding.variables])
     if np.any((states < lows) | (states > highs)):
         raise ModelError(f"{stepper.program.name}: a given state has a value out of its variable's range")
-    codes = np.unique(encoding.codes(states))
+    codes = _distinct(encoding.codes(states))
     if len(codes) < len(states):
         raise ModelError(f"{stepper.program.name}: a given state is given twice")
-    branches = stepper.branches(codes)
+    branches = _in_chunks(stepper, codes)
     for needed, kind in ((starts, "initial"), (branches.target, "reachable")):
-        missing = np.setdiff1d(needed, codes)
+        place = np.minimum(np.searchsorted(codes, needed), len(codes) - 1)
+        missing = needed[codes[place] != needed]
         if len(missing):
-            state = encoding.describe(int(missing[0]))
+            state = encoding.describe(int(missing.min()))
             raise ModelError(f"{stepper.program.name}: state {state} is {kind}, but is not given")
     roots = np.isin(codes, starts)
     places = np.searchsorted(codes, branches.source), np.searchsorted(codes, branches.target)
@@ -182,6 +203,18 @@ def _given(stepper: Stepper, states: Ints, starts: Ints) -> tuple[Ints, Branches
         state = encoding.describe(int(codes[beyond[0]]))
         raise ModelError(f"{stepper.program.name}: state {state} is given, but can't be reached")
     return codes, branches
+
+
+def _in_chunks(stepper: Stepper, codes: Ints) -> Branches:
+    """Compute the steps of many states, so many at a time as processors hold near."""
+    return joined([stepper.branches(codes[first : first + CHUNK]) for first in range(0, len(codes), CHUNK)])
+
+
+def _distinct(codes: Ints) -> Ints:
+    """Return distinct codes, rising; `np.unique` hashes, which takes ten times as long for many."""
+    ordered = np.sort(codes)
+    distinct: Ints = ordered[np.diff(ordered, prepend=-1) != 0]
+    return distinct
 
 
 class _Seen:
@@ -193,8 +226,8 @@ class _Seen:
         self.count = 0
 
     def add(self, codes: Ints) -> Ints:
-        """Add codes, rising; return those that are new."""
-        new = codes[~self._holds(codes)]
+        """Add codes; return those that are new, rising."""
+        new = _distinct(codes[~self._holds(codes)])
         self.count += len(new)
         if self._mask is not None:
             self._mask[new] = True

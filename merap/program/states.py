@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from math import prod
 
@@ -15,12 +14,12 @@ import numpy as np
 
 from merap.errors import ModelError
 from merap.mdp.model import Ints
-from merap.program.expressions import Column, Levels
+from merap.program.expressions import Column, Columns, Combinations, Integers, Levels
 from merap.program.form import StateVariable
 
 MAX_CODES = 2**62
-# The values of a variable up to this size are listed once; of a larger one those that occur.
-LISTED = 4096
+# The values of a variable that has not more than these are listed once; else those that occur are.
+LISTED, LISTED_PER_STATE = 4096, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +58,16 @@ class Encoding:
         return {variable.name: variable for variable in self.variables}
 
     @cached_property
-    def levels(self) -> Mapping[str, Levels]:
-        """The values of the variables whose values are listed."""
-        return {
-            variable.name: Levels(
-                (False, True)
-                if variable.kind == "bool"
-                else tuple(Fraction(value) for value in range(variable.low, variable.high + 1))
-            )
-            for variable in self.variables
-            if variable.size <= LISTED
-        }
+    def _levels(self) -> dict[str, Levels]:
+        return {}
+
+    def levels(self, name: str) -> Levels:
+        """Return all values of a variable."""
+        if name not in self._levels:
+            one = self.by_name[name]
+            whole = Integers(np.arange(one.low, one.high + 1))
+            self._levels[name] = Levels((False, True)) if one.kind == "bool" else whole
+        return self._levels[name]
 
     def digits(self, codes: Ints, name: str) -> Ints:
         """int64 [N], how far a variable is above its least value."""
@@ -103,7 +101,7 @@ class Encoding:
                 yield f"{variable.name}={variable.low + digit}"
 
 
-class States(Mapping[str, Column]):
+class States(Columns):
     """Some states as columns of values, one for each variable, made when it is first read.
 
     Args:
@@ -115,15 +113,23 @@ class States(Mapping[str, Column]):
         self.encoding = encoding
         self.codes = codes
         self._columns: dict[str, Column] = {}
+        self._digits: dict[str, Ints] = {}
 
     def __getitem__(self, name: str) -> Column:
         if name not in self._columns:
             variable = self.encoding.by_name[name]
-            digits = self.encoding.digits(self.codes, name)
-            levels = self.encoding.levels.get(name)
-            column = Column.of(digits + variable.low) if levels is None else Column(levels, digits)
-            self._columns[name] = column
+            digits = self.digits(name)
+            listed = variable.size <= max(LISTED, LISTED_PER_STATE * len(digits))
+            self._columns[name] = (
+                Column(self.encoding.levels(name), digits) if listed else Column.of(digits + variable.low)
+            )
         return self._columns[name]
+
+    def digits(self, name: str) -> Ints:
+        """int64 [N], how far a variable is above its least value."""
+        if name not in self._digits:
+            self._digits[name] = self.encoding.digits(self.codes, name)
+        return self._digits[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.encoding.by_name)
@@ -137,10 +143,11 @@ class States(Mapping[str, Column]):
             return self
         chosen = States(self.encoding, self.codes[rows])
         chosen._columns = {name: column[rows] for name, column in self._columns.items()}
+        chosen._digits = {name: digits[rows] for name, digits in self._digits.items()}
         return chosen
 
 
-class Stepped(Mapping[str, Column]):
+class Stepped(Columns):
     """States before a step and, primed, after it.
 
     Args:
@@ -156,6 +163,12 @@ class Stepped(Mapping[str, Column]):
             return self._before[name]
         plain = name.removesuffix("'")
         return self._after[plain] if plain in self._after else self._before[plain]
+
+    def combinations(self, names: tuple[str, ...]) -> Combinations:
+        """Return the combinations of the columns with some names."""
+        if any(name.endswith("'") for name in names):
+            return super().combinations(names)
+        return self._before.combinations(names)
 
     def __iter__(self) -> Iterator[str]:
         for name in self._before:

@@ -200,8 +200,8 @@ class Stepper:
         """int64 [N], how far the codes of the states are from those of their successors."""
         change = np.zeros(len(states.codes), dtype=np.int64)
         for name, values in after.items():
-            digits = self.encoding.digits(states.codes, name)
-            change += (values - self.encoding.by_name[name].low - digits) * self.encoding.strides[name]
+            shift = values - self.encoding.by_name[name].low - states.digits(name)
+            change += shift * self.encoding.strides[name]
         return change
 
     def _fault(self, states: States, where: Bools, message: str) -> None:

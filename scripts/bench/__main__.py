@@ -1,5 +1,5 @@
 """Measure merap: scripts.bench export | learning | growth | adaptation | online | belief | trigger |
-shield [--json FILE].
+shield | program [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -17,35 +17,16 @@ import typer
 from merap.checker.storm import StormModel, build_text
 from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
-from merap.mdp.model import TabularMDP
-from merap.mdp.umb import read_umb
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
-from scripts.bench import belief, learning, online, shield, trigger
+from scripts.bench import belief, learning, online, program, shield, trigger
 from scripts.bench.learning import Json, median, report
+from scripts.bench.program import GRID, export_mapped
 
 ROOT = Path(__file__).parents[2]
 EPISODES_PER_STEP = (35, 10, 5)
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
-
-# a slippery grid: five actions, of which four slip to either side
-GRID = """mdp
-const int n = {size};
-formula up = row>0 ? row-1 : row;      formula down = row<n-1 ? row+1 : row;
-formula left = col>0 ? col-1 : col;    formula right = col<n-1 ? col+1 : col;
-module grid
-  row : [0..n-1] init 0;  col : [0..n-1] init 0;
-  [up] true -> 8/10 : (row'=up) + 1/10 : (col'=left) + 1/10 : (col'=right);
-  [down] true -> 8/10 : (row'=down) + 1/10 : (col'=left) + 1/10 : (col'=right);
-  [left] true -> 8/10 : (col'=left) + 1/10 : (row'=up) + 1/10 : (row'=down);
-  [right] true -> 8/10 : (col'=right) + 1/10 : (row'=up) + 1/10 : (row'=down);
-  [stop] true -> true;
-endmodule
-label "goal" = row=n-1 & col=n-1;
-rewards "objective" [stop] row=n-1 & col=n-1 : 10; [up] true : 1/2; endrewards
-"""
-
 
 app.command()(learning.learning)
 app.command()(learning.growth)
@@ -53,6 +34,7 @@ app.command()(online.online)
 app.add_typer(belief.app, name="belief")
 app.command()(trigger.trigger)
 app.command()(shield.shield)
+app.command()(program.program)
 
 
 @app.callback()
@@ -68,7 +50,7 @@ def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
     mdp = model.mdp()
     seconds = {
         "build": median(lambda: build_text(text, "grid"), repeats),
-        "export_umb": median(lambda: _export(model), repeats),
+        "export_umb": median(lambda: export_mapped(model), repeats),
         "iterate_rows": median(lambda: _iterate(model), 1),
     }
     figures = {
@@ -119,14 +101,6 @@ def adaptation(
         figures[f"never_{episodes}_episodes"] = sum(of_seed.count(None) for of_seed in by_seed)
     figures["runs"] = training_seeds * seeds
     report(f"adaptation to {study.name}", figures, json_file)
-
-
-def _export(model: StormModel) -> TabularMDP:
-    """The fast way: an archive that is mapped into memory."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.umb"
-        model.export_umb(path)
-        return read_umb(path)
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:

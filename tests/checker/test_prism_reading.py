@@ -43,6 +43,20 @@ label "mixed" = 0.1*x <= 0.3 | g = 2;
 rewards "steps" [go] x>0 : 2.5; true : b?1:0; [] true: 3; endrewards
 rewards "plain" x > 0 : x/2; endrewards
 """
+# guards, probabilities and values whose right sides are undefined at x = 0 or for n = 0
+GUARDED = """\
+mdp
+const int n;
+formula chance = x>1 & 1/x<0.4 ? 1/x : 1/2;
+module m
+  x : [0..4] init 0;
+  [a] x>0 & 10/x>3 -> (x'=x-1);
+  [b] x=0 | 10/x<6 -> (x'=min(4, x+1));
+  [c] x>0 => mod(8, x)=0 -> chance : (x'=x>2 ? floor(4/x) : x) + 1-chance : (x'=4);
+  [d] x<4 | 10/n>2 -> true;
+endmodule
+label "goal" = x=4;
+"""
 SEVERAL_STARTS = """\
 mdp
 module m
@@ -81,6 +95,7 @@ def saved(folder: Path, text: str, name: str = "model.prism") -> Path:
         (FEATURES, {"p": Fraction(1, 3), "careful": True}),
         (FEATURES, {"p": Fraction(1), "careful": False}),
         (SEVERAL_STARTS, {}),
+        (GUARDED, {"n": Fraction(3)}),
     ],
 )
 def test_the_model_is_that_of_storm_and_so_is_the_text_we_write(

@@ -22,14 +22,14 @@ def value_of(expression: Expression, state: Mapping[str, Any]) -> Any:
             return state[name]
         case Operation("?:", (condition, taken, other)):
             return value_of(taken if value_of(condition, state) else other, state)
+        case Operation("&" | "|" | "=>" as symbol, (left, right)):
+            first = value_of(left, state) != (symbol == "=>")
+            return value_of(right, state) if first == (symbol == "&") else first
         case Operation(symbol, arguments):
             return MEANINGS[symbol](*(value_of(argument, state) for argument in arguments))
 
 
 MEANINGS: Mapping[str, Callable[..., Any]] = {
-    "&": lambda a, b: a and b,
-    "|": lambda a, b: a or b,
-    "=>": lambda a, b: not a or b,
     "!": lambda a: not a,
     "=": lambda a, b: a == b,
     "<=>": lambda a, b: a == b,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 from hypothesis import strategies as st
@@ -75,13 +76,28 @@ def _truths(numbers: Sequence[str], truths: Sequence[str], depth: int) -> st.Sea
     )
 
 
-NUMBERS, TRUTHS = ["x", "y", "z"], ["b"]
+@dataclass(frozen=True)
+class Names:
+    """What random expressions may read."""
+
+    numbers: Sequence[str]
+    truths: Sequence[str]
+
+    def number(self, depth: int) -> st.SearchStrategy[Expression]:
+        return _numbers(self.numbers, depth)
+
+    def truth(self, depth: int) -> st.SearchStrategy[Expression]:
+        return _truths(self.numbers, self.truths, depth)
+
+
+CLOSED = Names(["x", "y", "z"], ["b"])
+OPEN = Names(["x", "y", "z", "u", "k", "u"], ["b", "t"])
 
 
 @st.composite
-def _draws(draw: st.DrawFn, own: Mapping[str, tuple[int, int] | None]) -> Draw:
+def _draws(draw: st.DrawFn, own: Domains, read: Names) -> Draw:
     """Outcomes with a probability that depends on the state, and assignments that stay in their range."""
-    condition = draw(_truths(NUMBERS, TRUTHS, 0))
+    condition = draw(read.truth(0))
     parts = draw(st.sampled_from([(1,), (1, 1), (1, 9), (1, 2, 7)]))
     outcomes: list[Outcome] = []
     for place, part in enumerate(parts):
@@ -94,32 +110,32 @@ def _draws(draw: st.DrawFn, own: Mapping[str, tuple[int, int] | None]) -> Draw:
         assignments: dict[str, Expression] = {}
         for name, domain in own.items():
             if draw(st.booleans()):
-                assignments[name] = draw(_assigned(domain))
+                assignments[name] = draw(_assigned(domain, read))
         outcomes.append(Outcome(chance, assignments))
     return tuple(outcomes)
 
 
 @st.composite
-def _assigned(draw: st.DrawFn, domain: tuple[int, int] | None) -> Expression:
+def _assigned(draw: st.DrawFn, domain: tuple[int, int] | None, read: Names) -> Expression:
     if domain is None:
-        return draw(_truths(NUMBERS, TRUTHS, 1))
+        return draw(read.truth(1))
     low, high = (Constant(Fraction(value)) for value in domain)
-    value = Operation("floor", (draw(_numbers(NUMBERS, 1)),))
+    value = Operation("floor", (draw(read.number(1)),))
     if draw(st.integers(0, 9)) == 0:  # it may leave its range
         return value
     return Operation("max", (low, Operation("min", (high, value))))
 
 
 @st.composite
-def programs(draw: st.DrawFn) -> Program:
+def programs(draw: st.DrawFn, read: Names = CLOSED) -> Program:
     """Two processes that read each other, with shared actions and steps of their own."""
     processes = []
     for name, own in VARIABLES.items():
         commands = []
         for _ in range(draw(st.integers(1, 3))):
             action = draw(st.sampled_from(["a", "b_", None]))
-            guard = draw(_truths(NUMBERS, TRUTHS, 1))
-            draws = tuple(draw(st.lists(_draws(own), min_size=1, max_size=2)))
+            guard = draw(read.truth(1))
+            draws = tuple(draw(st.lists(_draws(own, read), min_size=1, max_size=2)))
             commands.append(Command(action, guard, draws, f"[{action or ''}] in {name}"))
         variables = tuple(
             boolean(one) if domain is None else integer(one, *domain) for one, domain in own.items()
@@ -132,11 +148,11 @@ def programs(draw: st.DrawFn) -> Program:
         }
         starts = (Start(Constant(Fraction(1)), values),)
         processes.append(Process(name, "environment", variables, tuple(commands), starts))
-    label = draw(_truths(NUMBERS, TRUTHS, 1))
+    label = draw(read.truth(1))
     rules = tuple(
         RewardRule(
-            draw(_numbers(NUMBERS, 1)),
-            draw(_truths(NUMBERS, TRUTHS, 0)),
+            draw(read.number(1)),
+            draw(read.truth(0)),
             draw(st.sampled_from([frozenset({"a"}), frozenset[str | None]()])),
         )
         for _ in range(draw(st.integers(0, 2)))

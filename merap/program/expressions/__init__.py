@@ -4,6 +4,7 @@ Variables are those of the state and, with a prime, of the successor (`light'`);
 `fold`. Numbers are exact fractions.
 """
 
+from merap.program.expressions.columns import Column, Columns, Combinations, Integers, Levels, Scope
 from merap.program.expressions.folding import fold
 from merap.program.expressions.parsing import check, parse
 from merap.program.expressions.text import render, render_constant
@@ -19,9 +20,6 @@ from merap.program.expressions.tree import (
     variables,
 )
 from merap.program.expressions.values import (
-    Column,
-    Levels,
-    Scope,
     evaluate,
     evaluate_where_defined,
     evaluate_whole,
@@ -30,8 +28,11 @@ from merap.program.expressions.values import (
 
 __all__ = [
     "Column",
+    "Columns",
+    "Combinations",
     "Constant",
     "Expression",
+    "Integers",
     "Kind",
     "Levels",
     "Operation",

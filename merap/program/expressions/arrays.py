@@ -14,11 +14,10 @@ from functools import partial, reduce
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions.operators import MAX_BITS, MAX_EXPONENT
+from merap.program.expressions.operators import DECIDED_BY_LEFT, MAX_BITS, MAX_EXPONENT
 
 LARGEST = 2**62
 
@@ -43,7 +42,8 @@ class Numbers(ShortRepr):
     known: Bools
 
     def __getitem__(self, codes: Ints) -> Numbers:
-        return Numbers(self.num[codes], self.den[codes], self.known[codes])
+        den = self.den[codes] if self.den.ndim else self.den
+        return Numbers(self.num[codes], den, self.known[codes] if self.known.ndim else self.known)
 
 
 Operand: TypeAlias = Numbers | Truths
@@ -82,13 +82,23 @@ def _product(left: Ints, right: Ints) -> tuple[Ints, Bools]:
     return np.where(fits, left, 0) * right, fits
 
 
+def _are_small_and_whole(number: Numbers) -> bool:
+    """Return whether they are 64-bit integers, by a denominator that they share; others may be whole too."""
+    return number.num.dtype == np.int64 and number.den.size == 1 and bool(number.den.item() == 1)
+
+
 def _lowest(num: Ints, den: Ints, known: Bools) -> Numbers:
+    if den.size == 1 and den.item() == 1:
+        return Numbers(num, den, known)
     divisor = np.maximum(np.gcd(num, den), 1)
     return Numbers(num // divisor, np.maximum(den // divisor, 1), known)
 
 
 def _on_one_denominator(left: Numbers, right: Numbers) -> tuple[Ints, Ints, Ints, Bools]:
     """Return both numerators on the least common denominator, that, and where all of them are known."""
+    if _are_small_and_whole(left) and _are_small_and_whole(right):
+        fits = (np.abs(left.num) < LARGEST) & (np.abs(right.num) < LARGEST)
+        return left.num, right.num, left.den, left.known & right.known & fits
     common = np.gcd(left.den, right.den)
     one, one_fits = _product(left.num, right.den // common)
     other, other_fits = _product(right.num, left.den // common)
@@ -165,19 +175,18 @@ def _equal(equal: Callable[[Any, Any], Bools], left: Any, right: Any) -> Truths:
     return Truths(equal(left.value, right.value), left.known & right.known)
 
 
-def _logical(function: Callable[[Bools, Bools], Bools], left: Truths, right: Truths) -> Truths:
-    return Truths(function(left.value, right.value), left.known & right.known)
-
-
-def _implies(left: Bools, right: Bools) -> npt.NDArray[np.bool_]:
-    return np.logical_or(np.logical_not(left), right)
+def _logical(symbol: str, left: Truths, right: Truths) -> Truths:
+    """Decide from the left: where the left side does, the right one may be unknown."""
+    deciding, result = DECIDED_BY_LEFT[symbol]
+    decided = left.value == deciding
+    return Truths(np.where(decided, result, right.value), left.known & (decided | right.known))
 
 
 FUNCTIONS: Mapping[str, Callable[..., Operand]] = {
-    "=>": partial(_logical, _implies),
+    "=>": partial(_logical, "=>"),
     "<=>": partial(_equal, np.equal),
-    "|": partial(_logical, np.logical_or),
-    "&": partial(_logical, np.logical_and),
+    "|": partial(_logical, "|"),
+    "&": partial(_logical, "&"),
     "!": lambda truth: Truths(np.logical_not(truth.value), truth.known),
     "=": partial(_equal, np.equal),
     "!=": partial(_equal, np.not_equal),

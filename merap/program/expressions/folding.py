@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from merap.program.expressions.operators import EXACT, bounded
-from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable
+from merap.errors import InputError
+from merap.program.expressions.operators import DECIDED_BY_LEFT, EXACT, bounded
+from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, substitute
 
 
 def fold(
@@ -15,6 +16,9 @@ def fold(
     operators: Mapping[str, Callable[..., Any]] = EXACT,
 ) -> Expression:
     """Put constants in and compute every part that has no variable left, exactly.
+
+    A part that may never be needed, as the right side of `x > 0 & 10 / x > 2`, is left as it is where it
+    is undefined.
 
     Raises:
         InputError: division by zero, or a power that is not rational.
@@ -25,6 +29,8 @@ def fold(
         return expression
     if expression.operator == "?:":
         return _fold_choice(expression.arguments, constants, operators)
+    if expression.operator in DECIDED_BY_LEFT:
+        return _fold_logical(expression.operator, expression.arguments, constants, operators)
     arguments = tuple(fold(argument, constants, operators) for argument in expression.arguments)
     values = [argument.value for argument in arguments if isinstance(argument, Constant)]
     if len(values) < len(arguments):
@@ -42,5 +48,30 @@ def _fold_choice(
     condition = fold(arguments[0], constants, operators)
     if isinstance(condition, Constant):
         return fold(arguments[1 if condition.value else 2], constants, operators)
-    sides = (fold(side, constants, operators) for side in arguments[1:])
+    sides = (_fold_if_defined(side, constants, operators) for side in arguments[1:])
     return Operation("?:", (condition, *sides))
+
+
+def _fold_logical(
+    symbol: str,
+    arguments: tuple[Expression, ...],
+    constants: Mapping[str, Value],
+    operators: Mapping[str, Callable[..., Any]],
+) -> Expression:
+    """Fold the right side only if the left one does not decide."""
+    left = fold(arguments[0], constants, operators)
+    if not isinstance(left, Constant):
+        return Operation(symbol, (left, _fold_if_defined(arguments[1], constants, operators)))
+    deciding, result = DECIDED_BY_LEFT[symbol]
+    return Constant(result) if left.value is deciding else fold(arguments[1], constants, operators)
+
+
+def _fold_if_defined(
+    expression: Expression,
+    constants: Mapping[str, Value],
+    operators: Mapping[str, Callable[..., Any]],
+) -> Expression:
+    try:
+        return fold(expression, constants, operators)
+    except InputError:
+        return substitute(expression, {name: Constant(value) for name, value in constants.items()})

@@ -1,6 +1,6 @@
 """The operators of expressions on fractions and truth values.
 
-`?:` is not here: only the side that is taken is computed.
+`?:`, `&`, `|` and `=>` are not among them: only the parts that are needed are computed.
 """
 
 from __future__ import annotations
@@ -48,11 +48,15 @@ def _modulo(left: Fraction, right: Fraction) -> Fraction:
     return left % right
 
 
+# The value of the left side that decides, whatever the right one is, and the result.
+DECIDED_BY_LEFT: Mapping[str, tuple[bool, bool]] = {
+    "&": (False, False),
+    "|": (True, True),
+    "=>": (False, True),
+}
+
 EXACT: Mapping[str, Callable[..., Any]] = {
-    "=>": lambda a, b: not a or b,
     "<=>": operator.eq,
-    "|": lambda a, b: a or b,
-    "&": lambda a, b: a and b,
     "!": operator.not_,
     "=": operator.eq,
     "!=": operator.ne,

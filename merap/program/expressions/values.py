@@ -5,107 +5,36 @@ arrays of 64-bit integers, then, where these would overflow, on arrays of Python
 one, with `fold`, where the value may be undefined. So no result is rounded before the end, and no
 comparison is decided on a rounded number.
 
-Axes: B steps, L levels of a column, M distinct combinations of levels.
+Axes: B steps, M distinct combinations of levels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from fractions import Fraction
-from functools import cached_property
-from typing import Any, TypeAlias
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints
-from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions.arrays import FUNCTIONS, LARGEST, Numbers, Truths, choose, numbers
+from merap.program.expressions.arrays import FUNCTIONS, LARGEST, Numbers, Truths, choose
+from merap.program.expressions.columns import Columns, Combinations, Levels, Scope
 from merap.program.expressions.folding import fold
 from merap.program.expressions.operators import NEAREST
-from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, exact, variables
+from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, variables
 
 # Integers up to here are doubles, so that their quotient is the double nearest to the fraction.
 EXACT_DOUBLES = 2**53
-# Below that many integers between the least and the greatest, each is a level, and nothing is sorted.
-DENSE = 4096
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Levels(ShortRepr):
-    """The distinct values of a variable, at least one."""
-
-    values: tuple[Value, ...]
-
-    @cached_property
-    def small(self) -> Numbers | Truths:
-        """[L]: the same as arrays of 64-bit integers or truth values."""
-        return self._arrays(np.int64)
-
-    @cached_property
-    def big(self) -> Numbers | Truths:
-        """[L]: the same as arrays of Python's integers or of truth values."""
-        return self._arrays(object)
-
-    def _arrays(self, dtype: type[Any]) -> Numbers | Truths:
-        if isinstance(self.values[0], bool):
-            return Truths(np.array(self.values, dtype=np.bool_), np.array(True))
-        return numbers([Fraction(value) for value in self.values], dtype)
-
-    @cached_property
-    def are_whole(self) -> bool:
-        """Whether all values are whole numbers."""
-        return all(value.denominator == 1 for value in self.values)
-
-    @cached_property
-    def most(self) -> Fraction:
-        """The greatest size of a value."""
-        return max(abs(Fraction(value)) for value in self.values)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Column(ShortRepr):
-    """The values of a variable in B steps.
-
-    Attributes:
-        levels: its L distinct values.
-        codes: int64 [B], which of them it has.
-    """
-
-    levels: Levels
-    codes: Ints
-
-    def __getitem__(self, rows: npt.NDArray[Any]) -> Column:
-        """Return the values in some of the steps: a mask, or their indices."""
-        return Column(self.levels, self.codes[rows])
-
-    @staticmethod
-    def of(array: npt.NDArray[Any]) -> Column:
-        """Return truth values, integers or doubles as a column; a double counts as its shortest decimal."""
-        array = np.asarray(array)
-        if array.dtype == np.bool_:
-            return Column(_TRUTHS, array.astype(np.int64))
-        if array.size == 0:
-            return Column(_NOUGHT, array.astype(np.int64))
-        if array.dtype.kind in "iu":
-            least, greatest = int(array.min()), int(array.max())
-            if greatest - least < DENSE:
-                dense = tuple(Fraction(value) for value in range(least, greatest + 1))
-                return Column(Levels(dense), array.astype(np.int64) - least)
-        distinct, codes = np.unique(array, return_inverse=True)
-        return Column(Levels(tuple(map(exact, distinct.tolist()))), codes.reshape(array.shape))
-
-
-_TRUTHS, _NOUGHT = Levels((False, True)), Levels((Fraction(0),))
-Scope: TypeAlias = Mapping[str, Column | npt.NDArray[Any]]
 
 
 def evaluate(expression: Expression, scope: Scope) -> npt.NDArray[Any]:
     """Evaluate over columns that broadcast; bool, or the float64 nearest to each number.
 
-    Of a `?:` only the side that is taken has to be defined.
+    Of a `?:` only the side that is taken has to be defined, of `&`, `|` and `=>` the right side only where
+    the left one does not decide.
 
     Raises:
         InputError: the value is undefined in some step, as after a division by zero.
@@ -190,18 +119,9 @@ class _Table:
 
     def __init__(self, expression: Expression, scope: Scope) -> None:
         self.expression = expression
-        names = sorted({variable.name for variable in variables(expression)})
-        columns = [
-            column if isinstance(column := scope[name], Column) else Column.of(column) for name in names
-        ]
-        self.shape = np.broadcast_shapes(*(column.codes.shape for column in columns))
-        spread = [np.broadcast_to(column.codes, self.shape).ravel() for column in columns]
-        rows, self.inverse = _distinct(spread, [len(column.levels.values) for column in columns])
-        self._read = {
-            name: (column.levels, codes[rows])
-            for name, column, codes in zip(names, columns, spread, strict=True)
-        }
-        self.count = len(rows)
+        names = tuple(sorted({variable.name for variable in variables(expression)}))
+        found = scope.combinations(names) if isinstance(scope, Columns) else Combinations.of(names, scope)
+        self.shape, self.inverse, self.count, self._read = found.shape, found.inverse, found.count, found.read
         self._small = _compute(expression, self._read, big=False)
         self._unfit = np.flatnonzero(~np.broadcast_to(self._small.known, self.count))
         self._big, self.left_over = self._small, self._unfit.tolist()
@@ -273,37 +193,13 @@ def _exact(operand: Numbers | Truths, count: int) -> list[Value]:
     return [Fraction(num, den) for num, den in zip(*columns, strict=True)]
 
 
-def _distinct(columns: Sequence[Ints], sizes: Sequence[int]) -> tuple[Ints, Ints]:
-    """Find the distinct rows of some columns of codes, each code below its column's size.
-
-    Returns:
-        int64 [M], a step of each distinct row, and int64 [B], which of them a step has.
-    """
-    if not columns:
-        return np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    steps = np.arange(len(columns[0]))
-    rows, inverse, count = steps[:1], np.zeros(len(steps), dtype=np.int64), 1
-    for codes, size in zip(columns, sizes, strict=True):
-        joint, possible = inverse * size + codes, count * size
-        if possible > 4 * len(steps) + DENSE:
-            _, rows, inverse = np.unique(joint, return_index=True, return_inverse=True)
-        else:
-            holder = np.full(possible, -1)
-            holder[joint] = steps
-            occurs = holder >= 0
-            rows, inverse = holder[occurs], (np.cumsum(occurs) - 1)[joint]
-        count = len(rows)
-    return rows, inverse
-
-
 def _compute(
     expression: Expression, read: Mapping[str, tuple[Levels, Ints]], *, big: bool
 ) -> Numbers | Truths:
     """Compute on arrays, for M combinations or, where nothing varies, for one."""
     match expression:
         case Constant(value):
-            levels = Levels((value,))
-            return levels.big if big else levels.small
+            return _constant(value, big)
         case Variable(name):
             levels, codes = read[name]
             return (levels.big if big else levels.small)[codes]
@@ -313,6 +209,12 @@ def _compute(
             return chosen
         case Operation(symbol, arguments):
             return FUNCTIONS[symbol](*(_compute(argument, read, big=big) for argument in arguments))
+
+
+@lru_cache(maxsize=4096, typed=True)
+def _constant(value: Value, big: bool) -> Numbers | Truths:
+    levels = Levels((value,))
+    return levels.big if big else levels.small
 
 
 def _shown(value: Value) -> str:

@@ -65,6 +65,18 @@ def test_values_beyond_doubles_keep_their_digits() -> None:
     assert evaluate(parse(difference), {"n": np.array([0])}).tolist() == [1.0]
 
 
+@pytest.mark.parametrize("shift", [0, 2**62 - 40_000, 2**63 - 50_001, -(2**63)])
+def test_many_whole_numbers_are_compared_exactly(shift: int) -> None:
+    array = np.array([shift, shift + 7, shift + 50_000], dtype=np.int64)
+    column = Column.of(array)
+    expected = [int(value) * 10 + 1 > 10 * (shift + 7) for value in array]
+    scope = {"n": column, "m": Column.of(np.array([shift + 7]))}
+    assert evaluate(parse("n * 10 + 1 > 10 * m"), scope).tolist() == expected
+    values, codes = tabulate(parse("n"), scope)
+    assert [values[code] for code in codes] == array.tolist()
+    assert column.levels.values == tuple(map(Fraction, array.tolist()))
+
+
 def test_roots_are_exact_where_they_are_rational() -> None:
     x = np.array([0.0, 0.25, 2.0])
     assert evaluate(parse("pow(x, 0.5)"), {"x": x}).tolist() == [0, 0.5, math.sqrt(2)]
