@@ -7,7 +7,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from merap.mdp.model import Bools, Floats
 from merap.report.geometry import EdgeLines, directions_of, right_of, triangles
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import GREY, VERMILLION, Entry, mark
 
 

@@ -17,7 +17,7 @@ from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import (
     GREEN,
     INK,

@@ -14,10 +14,9 @@ from merap.report.colouring import Colouring, colour_by
 from merap.report.edges import draw_edges
 from merap.report.locations import draw_locations, draw_names
 from merap.report.moves import draw_policy
-from merap.report.panel import Panel
 from merap.report.path import RoutePath
 from merap.report.routes import draw_routes
-from merap.report.sheet import close_sheet, open_sheet
+from merap.report.sheet import Panel, close_sheet, open_sheet
 from merap.report.style import LINES, Entry, Line
 
 

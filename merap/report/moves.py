@@ -13,7 +13,7 @@ from merap.concerns.space import Space
 from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints
 from merap.report.geometry import arrows, right_of, unit
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import INK, ORANGE, SKY_BLUE, Entry, heading, mark
 
 # Faces of the arrows of the first, second, ... mode; all have a dark outline.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal, TypeAlias
@@ -103,36 +103,6 @@ def most_likely_path(
         actions=tuple(mdp.action_names[action] for action in actions),
         modes=tuple(combination.modes[mode] for mode in modes),
         ending=_judged(ending, combination, int(locations[-1])),
-        label=label,
-    )
-
-
-def sampled_path(
-    combination: Combination,
-    steps: Sequence[tuple[int, str]],
-    last: int,
-    *,
-    completed: bool,
-    modes: Sequence[str] = (),
-    label: str = "path",
-) -> RoutePath:
-    """A path as it was recorded.
-
-    Args:
-        combination: whose locations these are.
-        steps: T pairs of a location's index and the action taken there.
-        last: the location after the last step.
-        completed: whether the task came to an end.
-        modes: T + 1 names, if they were recorded.
-        label: for the legend.
-    """
-    locations = (*(location for location, _ in steps), last)
-    return RoutePath(
-        locations=locations,
-        names=tuple(combination.space.locations[location] for location in locations),
-        actions=tuple(action for _, action in steps),
-        modes=tuple(modes),
-        ending=_judged("completed" if completed else "open", combination, last),
         label=label,
     )
 

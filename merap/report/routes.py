@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from merap.mdp.model import Floats
 from merap.report.geometry import directions_of, offset_line, right_of, triangles
-from merap.report.panel import Panel
 from merap.report.path import Ending, RoutePath
+from merap.report.sheet import Panel
 from merap.report.style import INK, Entry, Line, heading, mark
 
 _WIDTH = 2.6

@@ -17,8 +17,7 @@ from matplotlib.lines import Line2D
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats
 from merap.report.extent import Extent, extent_of
-from merap.report.geometry import edge_lines
-from merap.report.panel import Panel
+from merap.report.geometry import EdgeLines, edge_lines
 from merap.report.style import FONT_SIZE, INK, PALE, TITLE_SIZE, Entry, unique
 
 _NOTHING = Line2D([], [], linestyle="none")
@@ -32,6 +31,23 @@ _COLOUR_BAR = np.array([0.16, 1.5])
 _COLOUR_BAR_TITLE = 0.3
 # A map wider than this, relative to its height, has the next one below it.
 _WIDE = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One map of a page.
+
+    Attributes:
+        axes: to draw on, in the units of the positions.
+        extent: the part of the plane on it, and its scale.
+        lines: along which edges run.
+        combination: the combination on it.
+    """
+
+    axes: Axes
+    extent: Extent
+    lines: EdgeLines
+    combination: Combination
 
 
 @dataclass(frozen=True, eq=False)
