@@ -81,7 +81,7 @@ def split_url(url: str) -> SplitUrl | None:
 
 
 def _end_of_credentials(rest: str, scheme: str) -> int | None:
-    """The position of the `@` that ends the credentials."""
+    """Return the position of the `@` that ends the credentials."""
     authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
     if "@" in authority:
         return authority.rindex("@")

@@ -46,7 +46,7 @@ def obstruction(combination: Combination) -> str | None:
 
 
 def _has_action(combination: Combination) -> Bools:
-    """bool [L]: some external action goes along edges with that label."""
+    """Return bool [L], whether some external action goes along edges with that label."""
     mask = np.zeros(len(combination.space.moves), dtype=np.bool_)
     for action in combination.capability.external:
         for outcome in action.outcomes:

@@ -114,12 +114,12 @@ def build_base(
 
 
 def model_of(combination: Combination) -> TabularMDP:
-    """The canonical model of one combination or online system, built by Storm from its whole text."""
+    """Return the canonical model of one combination or online system, built by Storm from its whole text."""
     return canonical(combination, build_combination(combination).mdp)
 
 
 def canonical(combination: Combination, whole: TabularMDP) -> TabularMDP:
-    """A whole model on the canonical index of its case."""
+    """Put a whole model on the canonical index of its case."""
     variables = (*combination.space.variable_names, MODE_VARIABLE)
     return canonicalise(whole, pair_valuations(combination), variables, combination.actions)
 
@@ -147,7 +147,7 @@ def cut_off_warnings(system: Combination) -> tuple[str, ...]:
 
 
 def _built_by_storm(group: Sequence[Combination]) -> list[TabularMDP]:
-    """Whole models of one environment and capability: one build, one attachment for each objective."""
+    """Return whole models of one environment and capability: one build, one attachment for each objective."""
     starts: Bools = np.any([task.objective.start > 0 for task in group], axis=0)
     pair = build_pair(group[0], starts)
     compare(pair, synthesise_pair(group[0], starts)).require_same()

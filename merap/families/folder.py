@@ -76,7 +76,7 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _nearest_folder(path: Path) -> Path:
-    """`path` itself or the nearest folder above it that exists: the same file system."""
+    """Return `path` itself or the nearest folder above it that exists: the same file system."""
     return next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
 
 
@@ -147,7 +147,7 @@ def _require_replaceable(path: Path, kind: str) -> None:
 
 
 def _files_of_result(path: Path, kind: str) -> set[str]:
-    """The files an earlier result of that kind consists of; none if there is no such result."""
+    """Return the files of an earlier result of that kind; none if there is no such result."""
     try:
         manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         if manifest["kind"] != kind:

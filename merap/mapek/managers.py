@@ -80,7 +80,7 @@ class RandomStrategy:
         """Change nothing."""
 
     def policy(self) -> Floats:
-        """float64 [S, A], uniform."""
+        """Return float64 [S, A], uniform."""
         return np.full(self._shape, 1 / self._shape[1])
 
     def explain(self) -> tuple[str, ...]:

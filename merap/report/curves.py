@@ -89,7 +89,7 @@ def _add_legend(figure: Figure, axes: Axes) -> None:
 
 
 def _table(name: str, runs: Runs) -> Floats:
-    """float64 [R, U + 1], each run continued with its last value."""
+    """Return float64 [R, U + 1], each run continued with its last value."""
     if len(runs) == 0 or any(len(run) == 0 for run in runs):
         raise InputError(f"strategy {name!r} has no runs, or a run without values")
     longest = max(len(run) for run in runs)
@@ -140,7 +140,7 @@ def _draw_strategy(axes: Axes, table: Floats, name: str, line: Line, marker: str
 
 
 def _set_range(axes: Axes, lowest: float, optimum: float, worst: float) -> None:
-    """From a bit below the curves to a bit above the optimum; the worst value only if it is near."""
+    """Show from a bit below the curves to a bit above the optimum; the worst value only if it is near."""
     span = max(optimum - lowest, 0.1 * abs(optimum), 1e-9)
     bottom = worst if lowest - worst < 0.4 * span else lowest
     axes.set_ylim(bottom - 0.06 * span, optimum + 0.06 * span)

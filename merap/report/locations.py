@@ -78,7 +78,7 @@ _ON_GRID = {
 
 
 def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
-    """Locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
+    """Draw locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
     _draw_faces(panel, colouring)
     combination = panel.combination
     masks = {
@@ -98,7 +98,7 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
 
 
 def unsafe_locations(combination: Combination) -> Bools:
-    """bool [P]: the objective calls a state there unsafe, in some mode."""
+    """Return bool [P], whether the objective calls a state there unsafe, in some mode."""
     condition = combination.objective.unsafe
     if condition is None:
         return np.zeros(combination.space.num_locations, dtype=np.bool_)
@@ -156,7 +156,7 @@ def _entry(layers: tuple[Layer, ...], meaning: str) -> Entry:
 
 
 def draw_names(panel: Panel) -> None:
-    """The names beside their locations; on a grid rows and columns are numbered instead."""
+    """Write the names beside their locations; on a grid number rows and columns instead."""
     combination, extent = panel.combination, panel.extent
     space = combination.space
     if extent.is_grid:

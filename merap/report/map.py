@@ -63,7 +63,7 @@ def draw_before_after(
     attribute: str | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Two maps of the same combination: the path before adaptation and the one after it.
+    """Draw two maps of the same combination: the path before adaptation and the one after it.
 
     Args:
         combination: what was really there.
@@ -102,5 +102,5 @@ def _bar(colouring: Colouring) -> tuple[ScalarMappable, str] | None:
 
 
 def _styles(count: int) -> list[Line]:
-    """One per path; the last is the solid one."""
+    """Return a style for each path; the last is the solid one."""
     return [LINES[(count - 1 - index) % len(LINES)] for index in range(count)]

@@ -122,7 +122,7 @@ def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
 
 
 def _follow(mdp: TabularMDP, policy: Floats, horizon: int) -> tuple[list[int], list[int], Ending]:
-    """States [T + 1] and actions [T] of the walk, and how it ends."""
+    """Walk: return states [T + 1], actions [T], and how it ends."""
     complete = mdp.labels[COMPLETE_LABEL]
     states, actions = [int(mdp.initial.argmax())], list[int]()
     while not complete[states[-1]]:
@@ -144,7 +144,7 @@ def _likeliest_successor(mdp: TabularMDP, state: int, action: int) -> int:
 
 
 def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]:
-    """The successors of a choice and their probabilities."""
+    """Return the successors of a choice and their probabilities."""
     first, end = mdp.state_to_choice[state : state + 2]
     choice = first + int(np.flatnonzero(mdp.choice_action[first:end] == action)[0])
     branches = slice(*mdp.choice_to_branch[choice : choice + 2])
@@ -152,7 +152,7 @@ def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]
 
 
 def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) -> tuple[Ints, Ints]:
-    """The location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
+    """Return the location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
     space = combination.space
     columns = [mdp.variable_names.index(name) for name in space.variable_names]
     variables = mdp.valuations[states][:, columns]
@@ -164,7 +164,7 @@ def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) 
 
 
 def _where_completed(mdp: TabularMDP, combination: Combination, state: int, action: int) -> tuple[int, int]:
-    """Where a step into the folded completed state leads: location and mode.
+    """Return location and mode where a step into the folded completed state leads.
 
     Without objective the same choice has the same successors, but for those that were folded.
     """

@@ -31,7 +31,7 @@ _OUTCOMES: dict[Ending, str] = {
 def draw_routes(
     panel: Panel, paths: Sequence[tuple[RoutePath, Line]], *, beside: bool = False
 ) -> list[Entry]:
-    """Each path as a line with arrow heads, next to each other where they share an edge.
+    """Draw each path as a line with arrow heads, next to each other where they share an edge.
 
     With `beside` they leave the middle of the edges to what is drawn there.
 
@@ -98,7 +98,7 @@ def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
 
 
 def _end_mark(path: RoutePath, colour: str, place: Floats | None = None, scale: float = 1.0) -> Line2D:
-    """A dot or a cross; without a place, for the legend."""
+    """Return a dot or a cross; without a place, for the legend."""
     return Line2D(
         [] if place is None else place[:1],
         [] if place is None else place[1:],

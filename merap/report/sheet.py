@@ -64,7 +64,7 @@ class Sheet:
 
 
 def open_sheet(combination: Combination, panels: int) -> Sheet:
-    """A page with empty maps of one combination; `close_sheet` gives them their place."""
+    """Make a page with empty maps of one combination; `close_sheet` gives them their place."""
     extent = extent_of(combination.space)
     # On a grid neighbours touch, nothing lies between them.
     clearance = 0.0 if extent.is_grid else 1.3 * extent.radius
@@ -156,7 +156,7 @@ def _arrange(extent: Extent, panels: int, has_titles: bool, legend_size: Floats)
 
 
 def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floats]:
-    """The legend and its size, float64 [2] in inches."""
+    """Draw the legend; return it and its size, float64 [2] in inches."""
     legend = figure.legend(
         # A tuple of artists is drawn one on top of the other, which the type does not know.
         cast("Any", [artists or (_NOTHING,) for artists, _ in entries]),

@@ -66,7 +66,7 @@ def _attribute(combination: Combination, name: str) -> Attribute:
 
 
 def _wrong(attribute: Attribute, actual: Floats, generator: np.random.Generator) -> Floats:
-    """float64 like `actual`: any other value, each equally likely."""
+    """Return float64 like `actual`: any other value, each equally likely."""
     if attribute.kind == "real":
         return generator.uniform(attribute.low, attribute.high, len(actual))
     count = int(attribute.high - attribute.low) + 1

@@ -43,7 +43,7 @@ class HttpSystem(AbstractContextManager["HttpSystem"]):
         self.close()
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._client.close()
 
     @property

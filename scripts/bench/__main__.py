@@ -57,12 +57,12 @@ app.command()(shield.shield)
 
 @app.callback()
 def bench() -> None:
-    """Timings in seconds; ratios are what to quote."""
+    """Measure in seconds; quote the ratios."""
 
 
 @app.command()
 def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
-    """Storm's model as arrays: UMB mapped into memory against iterating rows, and against building."""
+    """Time Storm's model as arrays: UMB mapped into memory against iterating rows, and against building."""
     text = GRID.format(size=size)
     model = build_text(text, "grid")
     mdp = model.mdp()
@@ -89,7 +89,7 @@ def adaptation(
     training_seeds: int = 5,
     seeds: int = 20,
 ) -> None:
-    """Gradient adaptation to what a case meets: seconds of training, steps until within 5 percent."""
+    """Time training, and count gradient steps until an online system is within 5 percent."""
     study = load_case(case)
     figures: dict[str, float] = {}
     rows: dict[int, list[list[int | None]]] = {episodes: [] for episodes in EPISODES_PER_STEP}
@@ -122,7 +122,7 @@ def adaptation(
 
 
 def _export(model: StormModel) -> TabularMDP:
-    """The fast way: an archive that is mapped into memory."""
+    """Export the fast way: an archive that is mapped into memory."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.umb"
         model.export_umb(path)
@@ -130,7 +130,7 @@ def _export(model: StormModel) -> TabularMDP:
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:
-    """The obvious way: every transition as a Python object."""
+    """Export the obvious way: every transition as a Python object."""
     targets, probabilities = [], []
     for state in model.model.states:
         for action in state.actions:

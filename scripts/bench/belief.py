@@ -37,7 +37,7 @@ Names = Annotated[list[str] | None, typer.Option("--condition", help="none, nois
 
 @app.callback()
 def bench() -> None:
-    """How soon `belief` is within 5 percent, and how long it thinks."""
+    """Measure how soon `belief` is within 5 percent, and how long it thinks."""
 
 
 @app.command()
@@ -49,7 +49,7 @@ def drawn(
     max_episodes: int = 60,
     worst: int = 10,
 ) -> None:
-    """Grids, goals and faults drawn at random, each met once; shows the worst."""
+    """Adapt to grids, goals and faults drawn at random, once to each; show the worst."""
     numbers = range(first, first + count)
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def drawn(
 
 @app.command()
 def speed(json_file: Json = None, episodes: int = 5) -> None:
-    """Seconds of a belief over 10,626 environments, the longest of each kind of call."""
+    """Time a belief over 10,626 environments, the longest of each kind of call."""
     name, small, large = LARGE
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.yaml"
@@ -83,7 +83,7 @@ def speed(json_file: Json = None, episodes: int = 5) -> None:
 
 
 def _timed(problem: BeliefProblem, episodes: int) -> dict[str, list[float]]:
-    """Seconds of every call of the strategy."""
+    """Return the seconds of every call of the strategy."""
     of_system, of_strategy = np.random.default_rng(0).spawn(2)
     system = problem.simulated(of_system)
     seconds: dict[str, list[float]] = {}
@@ -109,7 +109,7 @@ def _timed(problem: BeliefProblem, episodes: int) -> dict[str, list[float]]:
 
 
 def chosen_conditions(names: Sequence[str] | None) -> list[NoiseCondition]:
-    """The conditions of these names; all of them if None."""
+    """Return the conditions of these names; all of them if None."""
     known = {condition.name: condition for condition in CONDITIONS}
     wrong = [name for name in names or () if name not in known]
     if wrong:
@@ -118,7 +118,7 @@ def chosen_conditions(names: Sequence[str] | None) -> list[NoiseCondition]:
 
 
 def _grouped(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A row for each condition and for each set of concerns that lie outside the base."""
+    """Build a row for each condition and for each set of concerns that lie outside the base."""
     groups: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         for outside in (row["outside"] or "nothing", "any"):

@@ -59,7 +59,7 @@ def online(
     episodes_per_step: int = 5,
     training_seed: int = 0,
 ) -> None:
-    """Real episodes until within 5 percent, and regret of the first ten; `outside` is not in the base.
+    """Count real episodes until within 5 percent, and regret of the first ten; `outside` is not in the base.
 
     A run ends with the third row in a row within 5 percent, but lasts as long as regret is summed. Regret
     is the optimum minus the value of the policy in use, or minus what was sampled, exploration included.
@@ -89,13 +89,13 @@ def online(
 
 
 def _compared(rows: Sequence[Row], condition: NoiseCondition) -> Table:
-    """A row for each case and strategy under one condition."""
+    """Build a row for each case and strategy under one condition."""
     some = [row for row in rows if row["condition"] == condition.name]
     return table(f"condition: {condition.name}", some, COLUMNS)
 
 
 def _disturbed(rows: Sequence[Row], conditions: Sequence[str]) -> Table:
-    """A row for each case and strategy that meets all conditions, a column for each condition."""
+    """Build a row for each case and strategy under all conditions, a column for each condition."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in rows:
         figures = [row[f"{figure}_{EPISODES}"] for figure in ("quantile_50", "quantile_95", "never")]

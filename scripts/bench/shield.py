@@ -44,7 +44,7 @@ ADAPTING_COLUMNS = {
 
 
 def adapting_rows(episodes: int = 200, seed: int = 0) -> list[dict[str, Any]]:
-    """Strategies as they are, behind the product's shield and without."""
+    """Adapt with and without the product's shield; return a row for each strategy and threshold."""
     return [
         adaptation_figures(load_case(MODELS / one.case), one.system, strategy, threshold, episodes, seed)
         for one in ADAPTING
@@ -54,7 +54,7 @@ def adapting_rows(episodes: int = 200, seed: int = 0) -> list[dict[str, Any]]:
 
 
 def shield_rows(episodes: int = 10_000, seed: int = 0) -> list[dict[str, Any]]:
-    """A row for each setting, and one without a shield for each system."""
+    """Return a row for each setting, and one without a shield for each system."""
     rows = []
     for (name, system), settings in groupby(SETTINGS, key=lambda one: (one.case, one.system)):
         thresholds = [one.threshold for one in settings]
@@ -68,7 +68,7 @@ def shield(
     adapting: Annotated[int, typer.Option(min=1, help="Adapting episodes of each row.")] = 200,
     seed: int = 0,
 ) -> None:
-    """Violations, goals and returns of exploring and adapting episodes, with a shield and without."""
+    """Count violations, goals and returns of exploring and adapting episodes, with a shield and without."""
     exploring = shield_rows(episodes, seed)
     show(table(f"{episodes} exploring episodes", exploring, COLUMNS))
     adapted = adapting_rows(adapting, seed)

@@ -91,7 +91,7 @@ def trigger(
     seeds: Annotated[int, typer.Option(help="Streams for each change.")] = 20,
     seed: int = 0,
 ) -> None:
-    """False alarms and delays of the trigger; with --json or --plot their curves, over its thresholds."""
+    """Measure false alarms and delays of the trigger; with --json or --plot also over its thresholds."""
     if world not in WORLDS:
         raise typer.BadParameter(f"there is no world {world!r}; allowed: {', '.join(WORLDS)}")
     began = time.perf_counter()
@@ -139,7 +139,7 @@ class _Streams:
                 self._worn.append({"slip": slip, **score_change(study.name, watched, self._world, generator)})
 
     def figures(self) -> dict[str, Any]:
-        """With the settings as they are."""
+        """Return figures with the settings as they are."""
         settings, rows = self._world.settings, self._rows
         return {
             "settings": settings.model_dump(),
@@ -152,12 +152,12 @@ class _Streams:
         }
 
     def _groups(self) -> dict[str, list[dict[str, Any]]]:
-        """Of the rows of changes."""
+        """Return the rows of changes in groups."""
         slips = {f"slip {slip}": [one for one in self._worn if one["slip"] == slip] for slip in SLIPS}
         return {"drawn": self._rows, **slips}
 
     def curves(self) -> dict[str, list[Point]]:
-        """Over thresholds, of each trigger."""
+        """Return the curve of each trigger over its thresholds."""
         quiet = self._quiet[:: max(1, len(self._quiet) // CURVE_STREAMS)]
         return _curves(self._world, quiet, self._costly)
 
