@@ -134,7 +134,7 @@ def _tree(given: Any) -> Expression:
 
 
 def _constant_part(found: Operation) -> Expression:
-    """Compute it if its arguments are constants; what is undefined stays, as it may never be reached."""
+    """Compute it if its arguments are constants; an undefined result stays, as it may never be reached."""
     if not all(isinstance(argument, Constant) for argument in found.arguments):
         return found
     try:
@@ -196,7 +196,7 @@ def _rule(parser: Any, item: str) -> RewardRule:
 
 
 def main(given: str, found: str) -> None:
-    """Write the program, or what is wrong with the text and in which line."""
+    """Write the program, or the fault of the text and its line."""
     result: Program | tuple[str, int | None]
     try:
         result = parse_program(Path(given))

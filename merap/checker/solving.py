@@ -146,7 +146,7 @@ def _have_met(value: _Value) -> bool:
 
 
 def _discounted_total(models: Models, quantity: Any, place: str) -> list[_Value]:
-    """Rewrite a discounted sum without end as one over so many steps that the rest is next to nothing."""
+    """Rewrite a discounted sum without end as one over enough steps to leave next to nothing out."""
     with translated(place, model=models.model):
         discount = quantity.subformula.discount_factor_double
     steps = ceil(log(TAIL * (1 - discount)) / log(discount))

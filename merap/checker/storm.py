@@ -40,7 +40,7 @@ class StormModel:
     """A sound model that Storm has built; it does not pickle.
 
     Attributes:
-        source: what it was built from, for messages.
+        source: name of its text in messages.
         program: stormpy's program, which properties refer to.
         model: stormpy's sparse model.
     """

@@ -38,7 +38,7 @@ def validate(case: options.Case) -> None:
 
 
 class OptimumDrawing(StrEnum):
-    """What may be drawn over the space."""
+    """A drawing over the space: that of an optimal policy or of its path."""
 
     none = "none"
     policy = "policy"

@@ -45,7 +45,7 @@ def run(
     ],
     scenario: Annotated[
         Path,
-        typer.Option("--scenario", help="A scenario file: what is met, what changes.", show_default=False),
+        typer.Option("--scenario", help="A scenario file: the system, and its changes.", show_default=False),
     ],
     db: Annotated[
         str | None, typer.Option("--db", help="Knowledge base, a URL or a file; RUN/knowledge.db by default.")

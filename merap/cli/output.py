@@ -1,4 +1,4 @@
-"""What every verb of the command line shares: messages, tables, progress, JSON."""
+"""Show messages, tables, progress and JSON, for every verb of the command line."""
 
 from __future__ import annotations
 

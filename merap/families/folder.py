@@ -26,7 +26,7 @@ _ATTEMPTS = 10
 
 @contextmanager
 def discard_unfinished() -> Iterator[None]:
-    """Wait until files are in their place, remove what is unfinished, and let nothing be written inside.
+    """Wait until files are in their place, remove unfinished results, and let nothing be written inside.
 
     For the thread that ends the process: the others go on until they write something.
     """
@@ -92,14 +92,14 @@ def _take_place(staging: Path, path: Path, kind: str) -> None:
 
 
 def write_manifest(folder: Path, kind: str, content: Mapping[str, Any], files: Sequence[str]) -> None:
-    """Write `manifest.json`: what was made from what, and the SHA-256 of each file."""
+    """Write `manifest.json`: the kind of the result, its sources, and the SHA-256 of each file."""
     entries = [{"file": name, "sha256": _digest(folder / name)} for name in files]
     manifest = {"kind": kind, **content, "files": entries}
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
 
 
 def require_unchanged(folder: Path, manifest: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Refuse files of a result that are no longer what was written with its manifest.
+    """Refuse files of a result that have changed since its manifest was written.
 
     Raises:
         InputError: names the first of them, or the manifest lists no files.

@@ -1,4 +1,4 @@
-"""Adaptation curves: what the policy is worth after each policy update (figure 5 of the paper).
+"""Adaptation curves: the value of the policy after each policy update (figure 5 of the paper).
 
 Axes: R runs (seeds), U + 1 rows of a curve; row 0 is before any episode.
 """
@@ -44,11 +44,11 @@ def draw_adaptation(
     run that stopped early keeps its last policy, so its last value goes on.
 
     Args:
-        curves: of each strategy, one sequence of expected returns per run.
+        curves: for each strategy one sequence of expected returns per run.
         optimum: value of the best policy; it and the 5 % below are marked.
         worst: value of the worst policy.
-        title: of the picture.
-        scale: of the steps; logarithmic ones begin linearly, as they include step 0.
+        title: title of the picture.
+        scale: scale of the steps; logarithmic ones begin linearly, as they include step 0.
 
     Raises:
         InputError: no strategy, a strategy without runs, or a run without values.

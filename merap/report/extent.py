@@ -1,4 +1,4 @@
-"""What a map shows and how large: one scale for positions, circles and text."""
+"""Choose the part of the plane that a map shows, and one scale for positions, circles and text."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Extent:
         high: float64 [2], greatest x and y.
         scale: inches per unit of the positions.
         spacing: least distance of two locations; on a grid the side of a cell.
-        radius: of a location's circle, in units of the positions; on a grid half a cell.
+        radius: radius of a location's circle, in units of the positions; on a grid half a cell.
         is_grid: locations are cells that touch.
         name_size: in points; 0 shows no names.
     """

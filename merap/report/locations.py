@@ -41,13 +41,13 @@ class Layer:
     """A marker on a location.
 
     Attributes:
-        marker: of matplotlib.
-        colour: of its face, `none` for an outline.
+        marker: marker of matplotlib.
+        colour: colour of its face, `none` for an outline.
         edge: colour of its outline.
         size: in diameters of the location.
-        width: of the outline, in diameters of the location.
-        z: what has a higher one covers it; circles have 3.
-        shift: of the centre to the right and upwards, in radii.
+        width: width of the outline, in diameters of the location.
+        z: markers with a higher one cover it; circles have 3.
+        shift: shift of the centre to the right and upwards, in radii.
     """
 
     marker: str

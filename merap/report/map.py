@@ -31,7 +31,7 @@ def draw_map(
     """Draw the space of a combination and what its three concerns say about it.
 
     Args:
-        combination: what to draw.
+        combination: the one to draw.
         attribute: colours the locations; None takes the first that is not the same everywhere.
         policy: float [S, A] on the canonical index, drawn as arrows; None draws none.
         paths: drawn as lines, next to each other.
@@ -66,7 +66,7 @@ def draw_before_after(
     """Draw two maps of the same combination: the path before adaptation and the one after it.
 
     Args:
-        combination: what was really there.
+        combination: the true one.
         before: path of the policy before adaptation.
         after: path of the adapted policy.
         attribute: as for `draw_map`.

@@ -36,7 +36,7 @@ class RoutePath:
         modes: T + 1 names of modes; empty where they were not recorded.
         ending: the task was completed; or it ended where no goal is; or it would go round for ever; or
             nothing of that is known.
-        label: what the path shows, for a legend.
+        label: its name in a legend.
     """
 
     locations: tuple[int, ...]
@@ -84,7 +84,7 @@ def most_likely_path(
         mdp: the whole model (p, q, done) of the combination, or its model on the canonical
             index p * Q + q with the completed state last.
         combination: whose locations and modes these are.
-        policy: float [S, A], or float [T, S, A] with what to do at time t.
+        policy: float [S, A], or float [T, S, A] by time t.
         horizon: T, the most steps to follow.
         label: for the legend.
 

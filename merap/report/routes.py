@@ -33,7 +33,7 @@ def draw_routes(
 ) -> list[Entry]:
     """Draw each path as a line with arrow heads, next to each other where they share an edge.
 
-    With `beside` they leave the middle of the edges to what is drawn there.
+    With `beside` they leave the middle of the edges to other drawings there.
 
     A dot ends a path that completed its task, a cross one that did not; a diamond stands where
     an innate action was taken.

@@ -98,9 +98,9 @@ def close_sheet(
 
     Args:
         sheet: with maps that are drawn.
-        title: of the page.
+        title: title of the page.
         panel_titles: one per map, or none.
-        entries: of the legend; what has the same meaning appears once.
+        entries: entries of the legend; one for each meaning.
         colour_bar: colours and their title.
     """
     figure, extent = sheet.figure, sheet.panels[0].extent

@@ -1,4 +1,4 @@
-"""The timeline of a loop: what each episode returned, what was possible, and what happened when.
+"""The timeline of a loop: return and optimum of each episode, and its events.
 
 Axes: E episodes.
 """
@@ -33,10 +33,10 @@ from merap.report.style import (
 
 
 def draw_timeline(report: LoopReport) -> Figure:
-    """Draw return and optimum of every episode, changes, re-plannings, and what went wrong.
+    """Draw return and optimum of every episode, changes, re-plannings, and faults.
 
     Args:
-        report: of a loop; it has at least one episode.
+        report: report of a loop; it has at least one episode.
     """
     figure = Figure(figsize=(9.0, 4.6), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)

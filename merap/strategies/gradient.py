@@ -54,7 +54,7 @@ class GradientStrategy:
         meta: where adaptation starts, and how far its steps go.
         valuations: int64 [S, V], the canonical index; the completed state is the last.
         episodes_per_update: B.
-        generator: of its actions.
+        generator: draws its actions.
         trained: the start was learned, and its variance of the advantages with it; else that is a
             running mean over the updates.
     """
@@ -86,7 +86,7 @@ class GradientStrategy:
 
     @property
     def parameters(self) -> Parameters:
-        """Of the policy after the steps so far."""
+        """Parameters of the policy after the steps so far."""
         return {name: value[0] for name, value in self._parameters.items()}
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Policies by exact policy gradient on known models, without meta-learning (the baselines).
+"""Search policies by exact policy gradient on known models, without meta-learning (the baselines).
 
 The policy that is evaluated has a uniform part that falls to 0: early on every state is visited, so
 that no way of earning is out of the gradient's sight.
@@ -38,13 +38,13 @@ class SearchSettings:
         updates: steps of Adam.
         learning_rate: falls to a tenth of itself along a cosine.
         exploration: uniform part of the policy at the beginning; falls to 0.
-        entropies: of `joint_parameters`, weights tried for the policy's mean entropy over all states at the
+        entropies: for `joint_parameters`, weights tried for the policy's mean entropy over all states at the
             beginning, in units of the range of expected rewards; each falls to 0, and the best of the
             policies is kept. Without entropy one policy for the running example's goals ends at the
             nearest (-22.6 on average; with 0.5: -15.9), with much of it none is found for the paper's
             obstacles (RQ1-2 with 0.5: -8.8; with 0.05: -1.3).
-        tasks_per_update: of `joint_parameters`, models drawn for an update, at most all.
-        seed: of parameters and draws.
+        tasks_per_update: for `joint_parameters`, models drawn for an update, at most all.
+        seed: seed of parameters and draws.
     """
 
     updates: int = 200

@@ -19,7 +19,7 @@ class MonitoredState:
 
     Attributes:
         observation: as strategies see it; its reward is that of the last step.
-        action: index of what the last step has done; None: unknown, or a reset.
+        action: index of the last step's action; None: unknown, or a reset.
         episode: number of resets; None: the system does not count.
         step: steps of this episode; None: it does not count.
     """
@@ -51,6 +51,6 @@ class Dialect(Protocol):
         """Build the body of `/execute`; None: nothing is to be sent, as where a system can't be reset.
 
         Args:
-            action: what to do; None: begin an episode.
-            last: what was seen when that was decided; None: nothing yet.
+            action: the action to take; None: begin an episode.
+            last: the state for which that was decided; None: none was seen yet.
         """

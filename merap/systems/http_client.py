@@ -22,7 +22,7 @@ from jsonschema.exceptions import SchemaError
 from referencing import Registry
 from referencing.exceptions import Unresolvable
 
-from merap.errors import InputError
+from merap.errors import InputError, shortened
 from merap.masking import SplitUrl, masked, masked_url, secrets_in, split_url
 from merap.systems.interface import FaultKind, SystemFault
 
@@ -68,7 +68,7 @@ class _SecretTransport(httpx.AsyncHTTPTransport):
     """Adds credentials and query to a request on its way: nothing that shows or logs it has them.
 
     Args:
-        parts: of the system's URL.
+        parts: parts of the system's URL.
     """
 
     def __init__(self, parts: SplitUrl) -> None:
@@ -198,14 +198,11 @@ class UpisasClient(AbstractContextManager["UpisasClient"]):
             raise self.fault("malformed", request, f"expected an object, got {_shown(content)}")
         validator = self._validator(schema)
         try:
-            error = next(iter(validator.iter_errors(content)), None)
+            misfit = first_misfit(validator, content)
         except (Unresolvable, RecursionError) as unusable:
             raise self.fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
-        if error is not None:
-            place = "".join(f" at {key!r}" for key in error.path)
-            raise self.fault(
-                "malformed", request, f"not as {schema} says{place}: {error.message[:MAX_SHOWN]}"
-            )
+        if misfit is not None:
+            raise self.fault("malformed", request, f"not as {schema} says{misfit}")
         return content
 
     def _json(self, method: str, endpoint: str, content: Any) -> Any:
@@ -245,6 +242,14 @@ class UpisasClient(AbstractContextManager["UpisasClient"]):
         """Build a fault of a request; the server may have repeated the secrets that it was sent."""
         shown = masked(message, self._secrets)
         return SystemFault(kind, f"{self.url}: {request}: {shown}", repeatable=kind != "rejected")
+
+
+def first_misfit(validator: Draft202012Validator, content: Any) -> str | None:
+    """Return where, and how, content first breaks a schema; None: it does not."""
+    error = next(iter(validator.iter_errors(content)), None)
+    if error is None:
+        return None
+    return "".join(f" at {key!r}" for key in error.path) + f": {shortened(error.message, MAX_SHOWN)}"
 
 
 def _checked(url: str) -> SplitUrl:
@@ -294,5 +299,4 @@ def _no_number(text: str) -> object:
 
 
 def _shown(content: Any) -> str:
-    text = repr(content)
-    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + " ..."
+    return shortened(repr(content), MAX_SHOWN)
