@@ -9,8 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from jsonschema import Draft202012Validator
+
+from merap.errors import shortened
 from merap.systems.description import Json
 from merap.systems.interface import Observation
+
+MAX_SHOWN = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,3 +59,11 @@ class Dialect(Protocol):
             action: the action to take; None: begin an episode.
             last: the state for which that was decided; None: none was seen yet.
         """
+
+
+def first_misfit(validator: Draft202012Validator, content: Any) -> str | None:
+    """Return where, and how, content first breaks a schema; None: it does not."""
+    error = next(iter(validator.iter_errors(content)), None)
+    if error is None:
+        return None
+    return "".join(f" at {key!r}" for key in error.path) + f": {shortened(error.message, MAX_SHOWN)}"

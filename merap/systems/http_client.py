@@ -24,12 +24,12 @@ from referencing.exceptions import Unresolvable
 
 from merap.errors import InputError, shortened
 from merap.masking import SplitUrl, masked, masked_url, secrets_in, split_url
+from merap.systems.dialect import MAX_SHOWN, first_misfit
 from merap.systems.interface import FaultKind, SystemFault
 
 Result = TypeVar("Result")
 
 MAX_ANSWER = 16 * 1024 * 1024
-MAX_SHOWN = 200
 MAX_PORT = 65_535
 # What httpx raises, the first that fits.
 _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
@@ -242,14 +242,6 @@ class UpisasClient(AbstractContextManager["UpisasClient"]):
         """Build a fault of a request; the server may have repeated the secrets that it was sent."""
         shown = masked(message, self._secrets)
         return SystemFault(kind, f"{self.url}: {request}: {shown}", repeatable=kind != "rejected")
-
-
-def first_misfit(validator: Draft202012Validator, content: Any) -> str | None:
-    """Return where, and how, content first breaks a schema; None: it does not."""
-    error = next(iter(validator.iter_errors(content)), None)
-    if error is None:
-        return None
-    return "".join(f" at {key!r}" for key in error.path) + f": {shortened(error.message, MAX_SHOWN)}"
 
 
 def _checked(url: str) -> SplitUrl:

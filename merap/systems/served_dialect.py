@@ -16,8 +16,8 @@ from jsonschema import Draft202012Validator
 
 from merap.errors import InputError
 from merap.systems.description import Interface, Json, monitor_schema, read_interface
-from merap.systems.dialect import MonitoredState
-from merap.systems.http_client import UpisasClient, first_misfit
+from merap.systems.dialect import MonitoredState, first_misfit
+from merap.systems.http_client import UpisasClient
 from merap.systems.http_system import HttpSystem
 from merap.systems.interface import Observation, SystemFault
 
