@@ -22,7 +22,8 @@ from merap.mdp.umb import read_umb
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
 from scripts.bench import belief, learning, online, shield, trigger
-from scripts.bench.learning import Json, median, report
+from scripts.bench.learning import median, report
+from scripts.bench.tables import Json
 
 ROOT = Path(__file__).parents[2]
 EPISODES_PER_STEP = (35, 10, 5)

@@ -41,6 +41,12 @@ def table(title: str, rows: Iterable[Mapping[str, Any]], columns: Mapping[str, s
     return built
 
 
+def figures_by_name(title: str, figures: Mapping[str, Any]) -> Table:
+    """Build a table of two columns."""
+    rows = ({"figure": name, "value": value} for name, value in figures.items())
+    return table(title, rows, {"figure": "figure", "value": "value"})
+
+
 def show(*tables: Table | str) -> None:
     """Print tables and lines, at least `WIDTH` wide."""
     console = Console()

@@ -22,7 +22,7 @@ from merap.mdp.model import Floats
 from merap.report.saving import save_figure
 from merap.trigger.readings import Readings
 from merap.trigger.settings import WindowSettings
-from scripts.bench.tables import Json, cell, show, table, write_figures
+from scripts.bench.tables import Json, figures_by_name, show, table, write_figures
 from scripts.bench.trigger_batch import count_alarms, window_rewards
 from scripts.bench.trigger_curve import STEPS, Point, change_curve, window_curve
 from scripts.bench.trigger_delay import (
@@ -186,11 +186,8 @@ def _curves(world: World, quiet: list[Readings], costly: list[Watched]) -> dict[
 
 
 def _show(figures: dict[str, Any]) -> None:
-    quiet = Table("figure", "value", title=f"without a change ({figures['world']})")
-    for name, value in figures["without a change"].items():
-        quiet.add_row(name, cell(value))
     show(
-        quiet,
+        figures_by_name(f"without a change ({figures['world']})", figures["without a change"]),
         _named("with a change", "kind", figures["kinds"]),
         _named("costly, beside what any detector can do", "changes", figures["beside the bound"]),
         *([_curve_table(figures["curves"])] if "curves" in figures else []),
