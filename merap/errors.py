@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 from merap.masking import masked
@@ -22,7 +22,7 @@ class MerapError(Exception):
 
 
 class MerapWarning(UserWarning):
-    """What is allowed but probably not meant, when merap is used from Python."""
+    """Warn of something that is allowed but probably not meant, when merap is used from Python."""
 
 
 def warn_of(lines: Iterable[str]) -> None:
@@ -35,7 +35,7 @@ class InputError(MerapError):
     """A file, key or argument is wrong.
 
     Args:
-        message: what is wrong: the offending value and what is allowed.
+        message: the offending value and what is allowed.
         source: the file it stands in.
         line: its line there, counted from 1.
         key: the path of keys to it, as `space.edges[3]`.
@@ -76,6 +76,17 @@ class StorageError(MerapError):
     """The knowledge base can't be reached, read or written; what was committed is still there."""
 
     exit_code: ClassVar[int] = 3
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text for messages, of at most that many characters and a mark where it is cut."""
+    return text if len(text) <= most else f"{text[:most]} ..."
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names for messages, at most that many, and the number of the others."""
+    others = len(names) - most
+    return ", ".join(names[:most]) + (f" and {others} more" if others > 0 else "")
 
 
 def quoted_if_odd(name: str) -> str:

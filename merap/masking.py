@@ -1,4 +1,4 @@
-"""Mask passwords and tokens of URLs and connection strings in all that is shown, logged or stored.
+"""Mask passwords and tokens of URLs and connection strings in everything that is shown, logged or stored.
 
 A URL is shown as `scheme://user:***@host/path?key=***`. The values of a query are masked whatever their keys
 are called, and so is the user name of an HTTP URL, since either may be a token.
@@ -37,7 +37,7 @@ class SplitUrl:
     Attributes:
         scheme: in lower case.
         user: before the first colon of the credentials, still quoted; None: there are no credentials.
-        password: what follows it, still quoted; None: there is none.
+        password: after that colon, still quoted; None: there is none.
         place: host, port and path.
         query: after the question mark, still quoted; None: there is none.
     """
@@ -81,7 +81,7 @@ def split_url(url: str) -> SplitUrl | None:
 
 
 def _end_of_credentials(rest: str, scheme: str) -> int | None:
-    """The position of the `@` that ends the credentials."""
+    """Return the position of the `@` that ends the credentials."""
     authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
     if "@" in authority:
         return authority.rindex("@")
@@ -119,7 +119,7 @@ def _masked_query(query: str | None) -> str:
 
 
 def names_a_secret(key: str) -> bool:
-    """Tell whether what is stored under a key, as `sslpassword` or `api_key`, is secret by its name."""
+    """Tell whether a value under a key, as `sslpassword` or `api_key`, is secret by its name."""
     return _NAMES_A_SECRET.search(key) is not None
 
 

@@ -39,7 +39,7 @@ class Lakes:
     settings: Mapping[str, Any]
 
     def env(self, seed: int) -> gymnasium.Env[Any, Any]:
-        """The map of a seed."""
+        """Make the map of a seed."""
         return gymnasium.make(
             "FrozenLake-v1",
             desc=generate_random_map(self.size, seed=seed),
@@ -53,14 +53,14 @@ SETTINGS = {"updates": 300, "gae_lambda": 0.5}
 
 
 def lakes(size: int, *, slippery: bool) -> Lakes:
-    """What is learned from, and how; the horizons of slippery lakes are Gymnasium's own."""
+    """Return the maps to learn from, and how; the horizons of slippery lakes are Gymnasium's own."""
     if not slippery:
         return Lakes(size, slippery, 30, 0.95, SETTINGS)
     return Lakes(size, slippery, 100 if size <= 4 else 200, 0.99, SETTINGS | {"exploration": 0.02})
 
 
 def curve(kind: Lakes, meta: MetaPolicy, seed: int, steps: int) -> list[float]:
-    """How likely the goal is reached on the map of a seed, before and after each gradient step."""
+    """Return how likely the goal is reached on the map of a seed, before and after each gradient step."""
     model = import_gymnasium(kind.env(seed))  # to keep the score; the strategy sees reset and step alone
     strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(seed))
     with GymnasiumSystem(kind.env(seed), seed=seed) as system:

@@ -78,7 +78,7 @@ def main() -> None:
 
 
 def _table(found: Adaptation) -> None:
-    """The mean expected return after each policy update, against the optimum."""
+    """Return the mean expected return after each policy update, against the optimum."""
     print("   update   real episodes   expected return   best possible")
     for rows in zip(*(one.curve for one in found.runs), strict=True):
         mean = sum(row.expected_return for row in rows) / len(rows)

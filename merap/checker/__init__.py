@@ -1,4 +1,4 @@
-"""Model checkers, and what they say of a model.
+"""Build models with Storm and check their properties.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

@@ -14,7 +14,7 @@ class ModelText:
     PRISM's language has initial states without weights, an objective has weights.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         text: in PRISM's language.
         variables: names of the V variables that tell initial states apart.
         starts: int64 [I, V], their values in the initial states.

@@ -41,7 +41,7 @@ def unbounded_rewards(text: str) -> Iterator[str | None]:
 
 
 def other_logic(text: str) -> str | None:
-    """Return what a property is about beside single values: `multi(..)`, `quantile(..)` or `<<..>>`."""
+    """Return the logic of a property beyond single values: `multi(..)`, `quantile(..)` or `<<..>>`."""
     found = _OTHER_LOGIC.search(_NAME.sub('""', text))
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""Explain why a goal can't be reached: name what stands between the start and it."""
+"""Explain why a goal can't be reached: name the obstacles between the start and it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import networkx as nx
 import numpy as np
 
 from merap.concerns.combination import Combination
+from merap.errors import listed
 from merap.mdp.model import Bools, Ints
 from merap.program.expressions import Constant
 
@@ -17,7 +18,7 @@ IMPOSSIBLE = Constant(Fraction(0))
 
 
 def obstruction(combination: Combination) -> str | None:
-    """Return what cuts the goal off from the start in space; None if nothing does.
+    """Return the obstacles that cut the goal off from the start in space, in one line; None: there are none.
 
     It names the blocked locations, no-entry locations, blocked edges and labels without action at
     the border of the region that can be reached, of those that lead on towards the goal.
@@ -46,7 +47,7 @@ def obstruction(combination: Combination) -> str | None:
 
 
 def _has_action(combination: Combination) -> Bools:
-    """bool [L]: some external action goes along edges with that label."""
+    """Return bool [L], whether some external action goes along edges with that label."""
     mask = np.zeros(len(combination.space.moves), dtype=np.bool_)
     for action in combination.capability.external:
         for outcome in action.outcomes:
@@ -90,16 +91,11 @@ def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[
         parts.append(f"no entry to {_names(names, barred)} (capability {capability.name})")
     if edges:
         distinct = list(dict.fromkeys(edges))  # several labels may lead from one location to another
-        parts.append(f"blocked edges {_shortened(distinct)} (environment {environment.name})")
+        parts.append(f"blocked edges {listed(distinct, MAX_NAMED)} (environment {environment.name})")
     if lacking:
-        parts.append(f"no action goes {_shortened(sorted(lacking))} (capability {capability.name})")
+        parts.append(f"no action goes {listed(sorted(lacking), MAX_NAMED)} (capability {capability.name})")
     return parts
 
 
 def _names(locations: Sequence[str], indices: Collection[int]) -> str:
-    return _shortened([locations[index] for index in sorted(indices)])
-
-
-def _shortened(names: list[str]) -> str:
-    rest = len(names) - MAX_NAMED
-    return ", ".join(names[:MAX_NAMED]) + (f" and {rest} more" if rest > 0 else "")
+    return listed([locations[index] for index in sorted(indices)], MAX_NAMED)

@@ -134,7 +134,7 @@ def _tree(given: Any) -> Expression:
 
 
 def _constant_part(found: Operation) -> Expression:
-    """Compute it if its arguments are constants; what is undefined stays, as it may never be reached."""
+    """Compute it if its arguments are constants; an undefined result stays, as it may never be reached."""
     if not all(isinstance(argument, Constant) for argument in found.arguments):
         return found
     try:
@@ -144,7 +144,7 @@ def _constant_part(found: Operation) -> Expression:
 
 
 def _as_written(found: Operation) -> Operation:
-    """Storm rewrites mod(a, b) to a >= 0 ? a % b : (a % b) + b, which is b, not 0, at a = -b."""
+    """Undo Storm's rewriting of mod(a, b) to a >= 0 ? a % b : (a % b) + b, which is b, not 0, at a = -b."""
     if found.operator == "?:":
         modulo = found.arguments[1]
         if isinstance(modulo, Operation) and modulo.operator == "mod":
@@ -173,7 +173,7 @@ def _require_unshared(processes: list[Process], shared: set[str]) -> None:
 
 
 def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
-    """Rewards are in Storm's normalised text only."""
+    """Read the rewards, which are in Storm's normalised text only."""
     parser = ExpressionParser(parsed.expression_manager)
     parser.set_identifier_mapping({one.name: one.get_expression() for one in parsed.variables})
     for block in re.finditer(
@@ -184,7 +184,7 @@ def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
 
 
 def _rule(parser: Any, item: str) -> RewardRule:
-    """`[action] guard: value;` or `guard: value;`."""
+    """Read `[action] guard: value;` or `guard: value;`."""
     actions: frozenset[str | None] = frozenset()
     if found := re.match(r"\[(\w*)\] ", item):
         actions, item = frozenset({found[1] or None}), item[found.end() :]
@@ -196,7 +196,7 @@ def _rule(parser: Any, item: str) -> RewardRule:
 
 
 def main(given: str, found: str) -> None:
-    """Write the program, or what is wrong with the text and in which line."""
+    """Write the program, or the fault of the text and its line."""
     result: Program | tuple[str, int | None]
     try:
         result = parse_program(Path(given))
@@ -208,7 +208,7 @@ def main(given: str, found: str) -> None:
 
 
 def _message(text: str) -> tuple[str, int | None]:
-    """What Storm says, in one line, and the line it means."""
+    """Return Storm's message in one line, and the line of the text that it means."""
     message = " ".join(line.strip(" \t^") for line in text.splitlines()).strip()
     found = re.search(r"(?:Parsing error at |[Ll]ine )(\d+)", message)
     return message.removeprefix("WrongFormatException: "), int(found[1]) if found else None

@@ -1,6 +1,6 @@
 """Read PRISM text into a program, in a process of its own, so that a crash of Storm's parser is one line.
 
-What Storm reads wrongly without a word, or crashes on, is found in the text before and refused by name.
+Text that Storm reads wrongly without a word, or crashes on, is found before and refused by name.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ def read_prism(path: Path) -> Program:
     """Read a PRISM MDP; constants that it leaves open, and PAYNT's holes, are the program's parameters.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
-        InputError: it can't be read, or has what is not supported; names file and line.
+        InputError: it can't be read, or uses something that is not supported; names file and line.
         EngineError: Storm crashed on it, or took longer than two minutes.
     """
     try:

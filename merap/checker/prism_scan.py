@@ -1,4 +1,4 @@
-"""Look through PRISM text for what Storm reads wrongly or crashes on."""
+"""Find text in PRISM files that Storm reads wrongly or crashes on."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _MDP = ("mdp", "nondeterministic", "pomdp")
 def readable_text(text: str) -> str:
     """Return text that Storm reads rightly, lines where they were: holes become undefined constants.
 
-    Of a hole `hole int x in {1..3};` the constants `x_MIN` and `x_MAX` are defined, which sketches use; a
+    A hole `hole int x in {1..3};` also defines the constants `x_MIN` and `x_MAX`, which sketches use; a
     POMDP becomes an MDP.
 
     Raises:
-        InputError: with the line of what is not supported.
+        InputError: something is not supported; names the line.
     """
     parts: list[str] = []
     last, kind = 0, None

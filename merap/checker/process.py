@@ -114,7 +114,7 @@ class CheckingProcess:
         return reply
 
     def _ended(self, place: str) -> EngineError:
-        """The error to raise where the process ended before it replied."""
+        """Build the error to raise where the process ended before it replied."""
         code = self._process.wait()
         if code == -signal.SIGALRM:
             return OverTimeError(f"{place}: not done within {self._timeout:g} s")

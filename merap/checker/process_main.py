@@ -1,7 +1,7 @@
 """The process behind a `CheckingProcess`: process_main.py FILE_DESCRIPTOR SECONDS.
 
-It ends by itself when its caller is gone, and by the kernel's alarm when a request takes longer
-than so many seconds; nothing that Storm does can hold that up.
+It ends by itself when its caller is gone, and by the kernel's alarm when a request is over that
+time; Storm can't hold either up.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def _refuse_unsound(models: Models, text: str, place: str) -> None:
 
 
 def _without_bound(formula: Any) -> Any:
-    """`P>=p` asks of every policy, so it is about the least value; `P<=p` about the greatest."""
+    """Ask for the bounded value: the least for `P>=p`, which is about every policy, else the greatest."""
     quantity = formula.clone()
     quantity.remove_bound()
     if not quantity.has_optimality_type:
@@ -126,7 +126,7 @@ def _asks_for_more(formula: Any) -> bool:
 
 
 def _approximate(models: Models, quantity: Any, place: str) -> list[_Value] | None:
-    """Values in doubles in the initial states; None where their bounds have not met, or can't."""
+    """Return values in doubles in the initial states; None where their bounds have not met, or can't."""
     if isinstance(quantity, LongRunAverageOperatorFormula):
         return None
     if isinstance(quantity.subformula, LongRunAverageRewardFormula):
@@ -146,7 +146,7 @@ def _have_met(value: _Value) -> bool:
 
 
 def _discounted_total(models: Models, quantity: Any, place: str) -> list[_Value]:
-    """A discounted sum without end, as one over so many steps that the rest is next to nothing."""
+    """Rewrite a discounted sum without end as one over enough steps to leave next to nothing out."""
     with translated(place, model=models.model):
         discount = quantity.subformula.discount_factor_double
     steps = ceil(log(TAIL * (1 - discount)) / log(discount))
@@ -158,7 +158,7 @@ def _discounted_total(models: Models, quantity: Any, place: str) -> list[_Value]
 
 
 def _largest_reward(models: Models, formula: Any) -> float:
-    """The largest absolute reward that a property sums up; 0 where it sums up none."""
+    """Return the largest absolute reward that a property sums up; 0 where it sums up none."""
     if not formula.is_reward_operator_formula:
         return 0
     rewards = models.rewards(formula.reward_name if formula.has_reward_model_name() else None)
@@ -177,12 +177,12 @@ def _meets(formula: Any, value: float) -> bool:
 
 
 def _threshold(formula: Any) -> float:
-    """The threshold as a float; stormpy's own rational divides integers as integers, 1/2 to 0."""
+    """Return the threshold as a float; stormpy's own rational divides integers as integers, 1/2 to 0."""
     return float(formula.threshold_expr.evaluate_as_double())
 
 
 def _exact(model: Any, quantity: Any, place: str) -> list[_Value]:
-    """Values in fractions; the bounds Storm states beside them are not always of the same value."""
+    """Return values in fractions; the bounds Storm states beside them are not always of the same value."""
     result = _run(model, quantity, place)
     values = []
     for state in model.initial_states:

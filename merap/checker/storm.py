@@ -40,7 +40,7 @@ class StormModel:
     """A sound model that Storm has built; it does not pickle.
 
     Attributes:
-        source: what it was built from, for messages.
+        source: name of its text in messages.
         program: stormpy's program, which properties refer to.
         model: stormpy's sparse model.
     """
@@ -169,7 +169,7 @@ def _size(model: Any) -> tuple[int, int, int]:
 
 
 def version() -> str:
-    """Storm's own version, as `2.0.0`."""
+    """Return Storm's own version, as `2.0.0`."""
     return str(StormVersion.short_version_string())
 
 
@@ -245,7 +245,7 @@ def _require_sound(storm: StormModel) -> None:
 
 
 def _stray_choice(model: Any) -> str:
-    """A choice that leads to the state for what is out of bounds, in words."""
+    """Describe a choice that leads to the state for values out of bounds."""
     stray = next(iter(model.labeling.get_states(OUT_OF_BOUNDS)))
     sources = [entry.column for entry in model.backward_transition_matrix.get_row(stray)]
     source = next(state for state in sources if state != stray)

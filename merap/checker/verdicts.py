@@ -1,4 +1,4 @@
-"""Verify combinations: have their properties checked, and explain what does not hold."""
+"""Verify combinations: have their properties checked, and explain false verdicts."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _verdict(
 
 
 def _reason(combination: Combination, answer: Answer) -> str | None:
-    """Explain a false verdict: what cuts the goal off in space, else the value."""
+    """Explain a false verdict: the obstacles that cut the goal off in space, else the value."""
     value = None if answer.value is None else f"the value is {answer.value:.6g}"
     if not combination.objective.goal.any():
         return value

@@ -124,7 +124,7 @@ def adapt(
 def _lengths(
     strategy: str, episodes_per_step: int | None, steps: int | None, max_episodes: int | None
 ) -> tuple[int, int]:
-    """Real episodes of a gradient step, and policy updates."""
+    """Return the real episodes of a gradient step, and the number of policy updates."""
     from merap.strategies.registry import STEPPING, episodes_per_update, parse_strategy
 
     kind, _ = parse_strategy(strategy)
@@ -156,7 +156,7 @@ def _shield(threshold: float | None, hazard_prior: float) -> ShieldSettings | No
 
 
 def _show(found: Adaptation) -> None:
-    """The mean curve at some steps, then the scores."""
+    """Show the mean curve at some steps, then the scores."""
     say(f"{found.strategy} on {found.system}, {counted(len(found.runs), 'seed')}")
     curves = [run.curve for run in found.runs]
     rows = []
@@ -221,7 +221,7 @@ def _advice(found: Adaptation) -> Iterator[str]:
 
 
 def _show_within(possible: SafeOptimum) -> None:
-    """What the shield leaves to be had."""
+    """Say how much can be earned within the shield's threshold."""
     line = f"within the shield's threshold at most {number(possible.value)} can be earned"
     if possible.completed == 0:
         line += ", and the task can't be completed: there is no way to do it as safely as that"
@@ -241,7 +241,7 @@ def _show_safety(sums: Mapping[str, Any]) -> None:
 
 
 def _draw(shown: Sequence[Adaptation], system: Combination, case: str, folder: Path, *, force: bool) -> None:
-    """The curves of all, and the map of the first."""
+    """Draw the curves of all, and the map of the first."""
     from merap.report.curves import draw_adaptation
     from merap.report.map import draw_before_after
     from merap.report.path import most_likely_path

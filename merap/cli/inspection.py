@@ -38,7 +38,7 @@ def validate(case: options.Case) -> None:
 
 
 class OptimumDrawing(StrEnum):
-    """What may be drawn over the space."""
+    """A drawing over the space: that of an optimal policy or of its path."""
 
     none = "none"
     policy = "policy"
@@ -93,7 +93,7 @@ def difference(
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
-    """How far a system is from the model base (the paper's eq:diff), and which combination is nearest."""
+    """Show how far a system is from the model base (the paper's eq:diff), and the nearest combination."""
     from merap.concerns.synthesis import synthesise
     from merap.families.build import MAX_TASKS, build_base, canonical
     from merap.mdp.difference import differences

@@ -26,7 +26,7 @@ _CLEAR_LINE = b"\r\x1b[2K\x1b[?25h"
 
 @dataclass
 class _WayOn:
-    """The command that goes on with what is interrupted, and whether there is something to go on with."""
+    """The command that goes on after an interruption, and whether there is something to go on with."""
 
     command: str = ""
     exists: Callable[[], bool] = lambda: False

@@ -61,7 +61,7 @@ def register(app: typer.Typer) -> None:
 
 
 def list_runs(db: Db, json: options.Json = None, force: options.Force = False) -> None:
-    """The runs of a knowledge base."""
+    """List the runs of a knowledge base."""
     from merap.knowledge.export import run_record
 
     require_free_report(json, force=force)
@@ -98,7 +98,7 @@ def show(
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
-    """A run: case, settings, decisions with reasons, policies, events."""
+    """Show a run: case, settings, decisions with reasons, policies, events."""
     from dataclasses import asdict
 
     from merap.knowledge.export import decision_record, event_record, run_record
@@ -183,7 +183,7 @@ def replay(
     json: options.Json = None,
     force: options.Force = False,
 ) -> None:
-    """What was seen and decided, in order; exit 1 if it would not be decided so again."""
+    """Show observations and decisions in order; exit 1 if it would not be decided so again."""
     from dataclasses import asdict
 
     from merap.knowledge.export import decision_record, observation_record
@@ -224,7 +224,7 @@ def _differences(folder: Path, knowledge: KnowledgeBase, run: int) -> tuple[Deci
 
 
 def _case(place: str, digest: str) -> CaseStudy | None:
-    """The case of a recorded run, if its run folder is there to tell; it has the names."""
+    """Return the case of a recorded run, which has the names, if its run folder is there."""
     from merap.runs.run_folder import read_run
 
     path = Path(place.removeprefix("sqlite:///"))

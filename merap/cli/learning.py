@@ -157,7 +157,7 @@ def _show_result(run: RunFolder) -> None:
 
 
 def _remarks(outcome: TrainingOutcome) -> Iterator[str]:
-    """What is worth knowing of how training ended."""
+    """Return remarks on how training ended."""
     if outcome.collapsed:
         yield (
             f"the adapted return has collapsed, from {number(outcome.best_score, 4)} to "

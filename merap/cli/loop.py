@@ -45,7 +45,7 @@ def run(
     ],
     scenario: Annotated[
         Path,
-        typer.Option("--scenario", help="A scenario file: what is met, what changes.", show_default=False),
+        typer.Option("--scenario", help="A scenario file: the system, and its changes.", show_default=False),
     ],
     db: Annotated[
         str | None, typer.Option("--db", help="Knowledge base, a URL or a file; RUN/knowledge.db by default.")
@@ -129,7 +129,7 @@ def _write(report: LoopReport, folder: Path, *, force: bool) -> None:
 
 
 def _show(report: LoopReport) -> None:
-    """A row for each change, then the sums."""
+    """Show a row for each change, then the sums."""
     rows = [
         (
             str(reaction.episode),
@@ -165,7 +165,7 @@ def _show(report: LoopReport) -> None:
 
 
 def _possible(found: Mapping[str, Any]) -> str:
-    """What could have been earned, if it is known what was there."""
+    """Say how much could have been earned, if the ground truth is known."""
     if found["mean_optimum"] is None:
         return ""
     safe = found["mean_safe_optimum"]
@@ -174,7 +174,7 @@ def _possible(found: Mapping[str, Any]) -> str:
 
 
 def _violations(found: Mapping[str, Any]) -> str:
-    """In how many episodes an unsafe state was reached, if that is known."""
+    """Say in how many episodes an unsafe state was reached, if that is known."""
     count = found["violations"]
     return "" if count is None else f", {counted(count, 'violation')}"
 

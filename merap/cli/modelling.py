@@ -96,7 +96,7 @@ def _chosen(study: CaseStudy, sample: int | None, seed: int, what: str) -> Itera
 
 
 def _show(verdicts: list[Verdict]) -> None:
-    """A row for each combination, a column for each property; then what is false, and why."""
+    """Show a row for each combination, a column for each property; then false verdicts and their reasons."""
     names = list(dict.fromkeys(verdict.name for verdict in verdicts))
     cells: dict[str, dict[str, str]] = {}
     for verdict in verdicts:

@@ -1,4 +1,4 @@
-"""What every verb of the command line shares: messages, tables, progress, JSON."""
+"""Show messages, tables, progress and JSON, for every verb of the command line."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def say(message: str) -> None:
-    """A line of result on standard output."""
+    """Print a line of result on standard output."""
     out.print(message, markup=False)
 
 
@@ -40,7 +40,7 @@ def complain(message: str) -> None:
 
 
 def warn(messages: Iterable[str]) -> None:
-    """Lines of warning on standard error."""
+    """Print lines of warning on standard error."""
     for message in messages:
         err.print(f"warning: {message}", markup=False)
 
@@ -53,7 +53,7 @@ def require_verb(context: typer.Context) -> None:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A table on standard output."""
+    """Print a table on standard output."""
     grid = Table(box=None, pad_edge=False, header_style="bold")
     for index, column in enumerate(columns):
         grid.add_column(column, overflow="fold", no_wrap=index == 0)
@@ -173,5 +173,5 @@ def counted(count: float, noun: str) -> str:
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """A figure for a table; a dash where there is none."""
+    """Format a figure for a table; a dash where there is none."""
     return "-" if value is None else f"{value:.{digits}g}"

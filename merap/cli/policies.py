@@ -1,4 +1,4 @@
-"""`export-policy`: what was learned, to take away."""
+"""`export-policy`: write a learned policy for use elsewhere."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 
 
 class PolicyFormat(StrEnum):
-    """What a policy is written as."""
+    """A file format of policies."""
 
     csv = "csv"
     npz = "npz"

@@ -84,7 +84,7 @@ def serve(
 
 
 def _log_to_standard_error() -> None:
-    """One line each on standard error."""
+    """Log to standard error, one line for each message."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("merap.systems")

@@ -1,4 +1,4 @@
-"""`schema`, `doctor`: what helps to write cases and to set the machine up."""
+"""`schema`, `doctor`: help to write cases and to set the machine up."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def schema(
 
 
 def doctor() -> None:
-    """Show versions and engines, what is missing and how to get it."""
+    """Show versions and engines; say how to get a missing one."""
     rows = [("Python", platform.python_version(), "")]
     rows += [(name, importlib.metadata.version(name), "") for name in PACKAGES]
     rows.append(("Storm", *_storm()))

@@ -1,4 +1,4 @@
-"""From a case to its model base.
+"""Build the models of a case: its model base, and files of every combination.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

@@ -34,10 +34,10 @@ class ModelBase(ShortRepr):
     Attributes:
         case: name of the case.
         digest: hexadecimal SHA-256 of its sources.
-        names: of the N tasks.
+        names: names of the N tasks.
         models: N canonical models with equal states, actions and variables.
         horizon: steps of an episode.
-        discount: of a step.
+        discount: discount of a step.
         covered: how many combinations the case has; N of them are here.
         compared: how many models Storm has built and found equal to the definition.
         cut_off: names of the tasks that can't reach their goal within the horizon.
@@ -63,15 +63,15 @@ def build_base(
 ) -> ModelBase:
     """Build the tasks of a case.
 
-    Up to `max_tasks` combinations are all there; of more, that many are drawn. Storm builds
-    every pair of environment and capability once and objectives are attached to its arrays. Of
-    more than `MAX_PAIRS` pairs the models come from the definition, and a random
-    `COMPARED` of them are built by Storm from their whole text and compared.
+    Up to `max_tasks` combinations are all built; from more, that many are drawn. Storm builds
+    every pair of environment and capability once and objectives are attached to its arrays. Beyond
+    `MAX_PAIRS` pairs the models come from the definition, and a random `COMPARED` of them
+    are built by Storm from their whole text and compared.
 
     Args:
         case: the case, or its path.
         max_tasks: largest number of tasks.
-        seed: of what is drawn.
+        seed: seed of the draws.
         on_model: called after each model.
 
     Raises:
@@ -114,12 +114,12 @@ def build_base(
 
 
 def model_of(combination: Combination) -> TabularMDP:
-    """The canonical model of one combination or online system, built by Storm from its whole text."""
+    """Return the canonical model of one combination or online system, built by Storm from its whole text."""
     return canonical(combination, build_combination(combination).mdp)
 
 
 def canonical(combination: Combination, whole: TabularMDP) -> TabularMDP:
-    """A whole model on the canonical index of its case."""
+    """Put a whole model on the canonical index of its case."""
     variables = (*combination.space.variable_names, MODE_VARIABLE)
     return canonicalise(whole, pair_valuations(combination), variables, combination.actions)
 
@@ -132,7 +132,7 @@ def is_cut_off(combination: Combination, whole: TabularMDP) -> bool:
     """Return whether a combination has a goal and no path to it within its horizon.
 
     Args:
-        combination: of which `whole` is the model, before it is put on the canonical index.
+        combination: `whole` is its model, before it is put on the canonical index.
         whole: with the label `goal`.
     """
     declared = bool(combination.objective.goal.any())
@@ -147,7 +147,7 @@ def cut_off_warnings(system: Combination) -> tuple[str, ...]:
 
 
 def _built_by_storm(group: Sequence[Combination]) -> list[TabularMDP]:
-    """Whole models of one environment and capability: one build, one attachment for each objective."""
+    """Return whole models of one environment and capability: one build, one attachment for each objective."""
     starts: Bools = np.any([task.objective.start > 0 for task in group], axis=0)
     pair = build_pair(group[0], starts)
     compare(pair, synthesise_pair(group[0], starts)).require_same()

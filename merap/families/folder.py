@@ -26,7 +26,7 @@ _ATTEMPTS = 10
 
 @contextmanager
 def discard_unfinished() -> Iterator[None]:
-    """Wait until files are in their place, remove what is unfinished, and let nothing be written inside.
+    """Wait until files are in their place, remove unfinished results, and let nothing be written inside.
 
     For the thread that ends the process: the others go on until they write something.
     """
@@ -76,7 +76,7 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _nearest_folder(path: Path) -> Path:
-    """`path` itself or the nearest folder above it that exists: the same file system."""
+    """Return `path` itself or the nearest folder above it that exists: the same file system."""
     return next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
 
 
@@ -92,14 +92,14 @@ def _take_place(staging: Path, path: Path, kind: str) -> None:
 
 
 def write_manifest(folder: Path, kind: str, content: Mapping[str, Any], files: Sequence[str]) -> None:
-    """Write `manifest.json`: what was made from what, and the SHA-256 of each file."""
+    """Write `manifest.json`: the kind of the result, its sources, and the SHA-256 of each file."""
     entries = [{"file": name, "sha256": _digest(folder / name)} for name in files]
     manifest = {"kind": kind, **content, "files": entries}
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
 
 
 def require_unchanged(folder: Path, manifest: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Refuse files of a result that are no longer what was written with its manifest.
+    """Refuse files of a result that have changed since its manifest was written.
 
     Raises:
         InputError: names the first of them, or the manifest lists no files.
@@ -147,7 +147,7 @@ def _require_replaceable(path: Path, kind: str) -> None:
 
 
 def _files_of_result(path: Path, kind: str) -> set[str]:
-    """The files an earlier result of that kind consists of; none if there is no such result."""
+    """Return the files of an earlier result of that kind; none if there is no such result."""
     try:
         manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         if manifest["kind"] != kind:

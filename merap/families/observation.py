@@ -60,7 +60,7 @@ class VariableKind:
 
 
 def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
-    """The kinds of a case's variables: coordinates on a grid, else a location; then the mode."""
+    """Return the kinds of a case's variables: coordinates on a grid, else a location; then the mode."""
     scale: Scale = "category" if space.shape is None else "coordinate"
     highs = space.valuations.max(axis=0).tolist()
     places = (
@@ -70,7 +70,7 @@ def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
 
 
 def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:
-    """The kinds of a model's variables, as far as names and values tell.
+    """Return the kinds of a model's variables, as far as names and values tell.
 
     `loc`, `mode`, `state` and the variables of the taxi's passenger are categories; another one
     without other values than 0 and 1 is a flag, unless it is called a row or column; the rest are
@@ -92,7 +92,7 @@ def _scale(name: str, low: int, high: int) -> Scale:
 
 
 def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> npt.NDArray[np.float32]:
-    """The factored observation of every state.
+    """Return the factored observation of every state.
 
     Args:
         kinds: V kinds.
@@ -118,7 +118,7 @@ def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> npt
 
 
 def _folded(valuations: Ints) -> Bools:
-    """bool [S], the absorbing state of a canonical index."""
+    """Return bool [S], the absorbing state of a canonical index."""
     folded: Bools = (valuations == ABSORBING_VALUE).all(axis=1)
     return folded
 

@@ -1,4 +1,4 @@
-"""The knowledge base: an append-only record of what a loop has seen, decided and learned.
+"""Keep an append-only record of all that a loop has seen, decided and learned.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

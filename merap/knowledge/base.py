@@ -77,7 +77,7 @@ def open_knowledge(
 class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
     """An open knowledge base; see `open_knowledge`. Several threads may use it, one at a time.
 
-    What a method records is committed when it returns, unless it is called inside
+    A record is committed when the method returns, unless it is called inside
     `with knowledge.transaction():`. All of them raise StorageError if the database can't be read
     or written, and InputError if there is no such run.
     """
@@ -107,7 +107,7 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         Args:
             name: given by the user.
             case: name of the case.
-            digest: of the case.
+            digest: digest of the case.
             settings: as JSON.
         """
         row = {"name": name, "case": case, "digest": digest, "settings": settings, "started": now()}
@@ -123,7 +123,7 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         """Record a policy, and return its number.
 
         Args:
-            run: whose.
+            run: number of the run.
             kind: `meta` or `adapted`.
             step: policy updates so far.
             tensors: safetensors.
@@ -201,12 +201,12 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         return {name: self._store.read(partial(count, table=table, run=run)) for name, table in KINDS.items()}
 
     def observations(self, run: int) -> Iterator[ObservationRow]:
-        """Iterate over what was observed, in order."""
+        """Iterate over the observations, in order."""
         rows = (entry.row for entry in self.history(run, ("observation",)))
         return (row for row in rows if isinstance(row, ObservationRow))
 
     def decisions(self, run: int) -> Iterator[DecisionRow]:
-        """Iterate over what was decided, in order."""
+        """Iterate over the decisions, in order."""
         rows = (entry.row for entry in self.history(run, ("decision",)))
         return (row for row in rows if isinstance(row, DecisionRow))
 
@@ -229,7 +229,7 @@ class KnowledgeBase(AbstractContextManager["KnowledgeBase"]):
         """Iterate over entries in the order in which they were recorded.
 
         Args:
-            run: whose.
+            run: number of the run.
             kinds: names of `KINDS`; all by default.
         """
         self._require(run)

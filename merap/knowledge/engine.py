@@ -50,12 +50,12 @@ def url_of(place: str) -> str:
 
 @dataclass(frozen=True)
 class DatabaseUrl:
-    """The place of a database, apart from what is secret about it.
+    """The place of a database, apart from its secrets.
 
     Attributes:
         url: without secrets.
-        place: what errors call it: a file, or the URL with its secrets masked.
-        arguments: of the driver's `connect`, by their names; secret ones among them.
+        place: its name in errors: a file, or the URL with its secrets masked.
+        arguments: arguments of the driver's `connect`, by their names; secret ones among them.
         secrets: texts that must not be shown, in every form in which the driver may repeat them.
     """
 
@@ -110,7 +110,7 @@ def require_ours(database: DatabaseUrl, *, create: bool) -> None:
     """Look at a file before anything is written to it.
 
     Args:
-        database: of the knowledge base.
+        database: database of the knowledge base.
         create: whether a file that is missing or empty shall become one.
 
     Raises:

@@ -119,7 +119,7 @@ class EventLog:
             component: the part of the loop that says it.
             level: its severity.
             message: one line.
-            data: figures; what has no JSON form is written as text.
+            data: figures; those without a JSON form are written as text.
 
         Raises:
             StorageError: the file can't be written, or too many events wait for the knowledge base.
@@ -157,7 +157,7 @@ def event_row(component: str, level: Level, message: str, **data: object) -> Eve
 
 
 def plain(value: Any) -> Any:
-    """Put a value in JSON's terms; NaN, infinities and what JSON has no form for become text."""
+    """Put a value in JSON's terms; NaN, infinities and everything that JSON can't write become text."""
     match value:
         case None | bool() | int() | str():
             return value

@@ -40,16 +40,16 @@ class LockedError(StorageError):
 
 @contextmanager
 def translated(place: str, secrets: Collection[str] = ()) -> Iterator[None]:
-    """Turn what a database raises into one clear line.
+    """Turn errors of a database into one clear line.
 
     Args:
-        place: of the knowledge base.
-        secrets: what the driver may repeat and nobody shall see.
+        place: place of the knowledge base.
+        secrets: texts that the driver may repeat and nobody shall see.
 
     Raises:
         LockedError: another process holds a lock.
         StorageError: it can't be read or written.
-        InputError: what shall be written, or the file, is wrong.
+        InputError: a row to be written, or the file, is wrong.
     """
     try:
         yield

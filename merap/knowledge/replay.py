@@ -32,7 +32,7 @@ class DecisionDifference:
     Attributes:
         episode: during which.
         step: steps of it that were over.
-        kind: of the decision.
+        kind: kind of the decision.
         recorded: its reasons; None: it was not recorded.
         derived: its reasons when it was derived again; None: it was not.
     """

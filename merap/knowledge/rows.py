@@ -189,7 +189,7 @@ class RunRow:
         id: its number in this knowledge base.
         name: given by the user.
         case: name of the case.
-        digest: of the case.
+        digest: digest of the case.
         settings: as JSON.
         started: when it began.
         finished: when its last report was recorded; None: it goes on, or was killed.

@@ -28,7 +28,7 @@ def migrate(connection: Connection, place: str, target: str = SCHEMA) -> None:
 
     Args:
         connection: in a transaction that holds SQLite's write lock.
-        place: of the knowledge base, for errors.
+        place: place of the knowledge base, for errors.
         target: the schema.
 
     Raises:

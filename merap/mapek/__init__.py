@@ -1,4 +1,4 @@
-"""The MAPE-K loop: monitor, analyzer, planner, executor, learner, and scenarios to run it in.
+"""Run the MAPE-K loop (monitor, analyzer, planner, executor, learner), on a scenario or behind HTTP.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

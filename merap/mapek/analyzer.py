@@ -43,7 +43,7 @@ class Analyzer:
         horizon: T.
         updates: policy updates of an adaptation, at least; None: it never ends.
         trigger: decides when to re-plan; None: never.
-        settings: of the readings of the trigger.
+        settings: settings of the readings of the trigger.
         forget: whether re-planning starts from the prior; else from a mixture of prior and posterior.
     """
 

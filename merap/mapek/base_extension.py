@@ -32,7 +32,7 @@ class BaseExtension:
     """One more model of the base, and the meta policy and the prior that come with it.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         model: canonical.
         meta: the new meta policy.
         updates: outer updates that have led to it, those of the training run included.
@@ -54,7 +54,7 @@ class BaseExtender:
     """Extends the base of a run, in memory; the run folder stays as it is.
 
     Args:
-        context: of the strategies so far.
+        context: context of the strategies so far.
         making: returns a maker of strategies for such a context.
         updates: outer updates after each addition.
     """
@@ -77,7 +77,7 @@ class BaseExtender:
         Args:
             episode: its last one.
             belief: the analyzer's.
-            model: of the real domain, canonical.
+            model: model of the real domain, canonical.
         """
         space = self._context.hypotheses
         outside, found = 1 - base_weight(space, belief), likeliest(space, belief)

@@ -131,7 +131,7 @@ def make_trigger(settings: ChangeSettings | WindowSettings | None, discount: flo
 
     Args:
         settings: None: never re-plan.
-        discount: of a step, as the case has it; a window counts with it unless it has its own.
+        discount: discount of a step, as the case has it; a window counts with it unless it has its own.
     """
     if isinstance(settings, ChangeSettings):
         return ChangeTrigger(settings)

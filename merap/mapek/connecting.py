@@ -23,7 +23,7 @@ def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterato
 
     Args:
         scenario: the system.
-        case: of the manager.
+        case: case of the manager.
         episodes: number of episodes that are over; an environment goes on with other draws than those.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The executor: does to the system what is planned.
+"""The executor: carries out plans on the system.
 
 Axes: A declared actions.
 """

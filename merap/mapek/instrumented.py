@@ -1,4 +1,4 @@
-"""The managed system as the report sees it: it counts, and says what is known of its ground truth."""
+"""The managed system as the report sees it: it counts, and knows its ground truth if anyone does."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Tally:
 
 
 class InstrumentedSystem(ManagedSystem, Protocol):
-    """A managed system that keeps count, and tells the report what is known of it."""
+    """A managed system that keeps count, and tells the report its ground truth if it is known."""
 
     @property
     def horizon(self) -> int:

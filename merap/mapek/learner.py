@@ -1,4 +1,4 @@
-"""The learner: adapts the policy to what is observed, by one of the strategies.
+"""The learner: adapts the policy to observations, by one of the strategies.
 
 Axes: T steps, S states, A declared actions.
 """
@@ -23,7 +23,7 @@ class Learner:
 
     Args:
         make: makes a strategy before any episode, which begins with the meta policy if it has one.
-        generator: of the strategies.
+        generator: draws for the strategies.
         restart: whether a re-planning starts from `make`; else it starts from the adapted policy, and
             doubts the observations of the domain.
     """

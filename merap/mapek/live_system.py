@@ -41,13 +41,13 @@ class Disconnected:
 
 
 class LiveSystem:
-    """Calls again what has failed, and keeps count; see `instrumented.InstrumentedSystem`.
+    """Repeats calls that have failed, and keeps count; see `instrumented.InstrumentedSystem`.
 
     Args:
         system: the system itself.
         horizon: steps of an episode.
-        discount: of each step, for the report.
-        retries: of a call that fails.
+        discount: discount of each step, for the report.
+        retries: retries of a call that fails.
     """
 
     stages: tuple[Stage, ...] = ()

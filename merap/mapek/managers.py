@@ -57,7 +57,7 @@ class RandomStrategy:
 
     Args:
         shape: S and A.
-        generator: of its actions.
+        generator: draws its actions.
     """
 
     episodes_per_update = 1
@@ -80,7 +80,7 @@ class RandomStrategy:
         """Change nothing."""
 
     def policy(self) -> Floats:
-        """float64 [S, A], uniform."""
+        """Return float64 [S, A], uniform."""
         return np.full(self._shape, 1 / self._shape[1])
 
     def explain(self) -> tuple[str, ...]:
@@ -95,10 +95,10 @@ class ReactiveStrategy:
     the model that is tried.
 
     Args:
-        names: of the models.
-        models: of the base, in the order in which they are tried.
+        names: names of the models.
+        models: models of the base, in the order in which they are tried.
         horizon: T.
-        generator: of its actions.
+        generator: draws its actions.
     """
 
     episodes_per_update = 1
@@ -197,8 +197,8 @@ def make_manager(name: str, spec: StrategySpec, context: StrategyContext) -> Man
 
     Args:
         name: one of `MANAGERS`.
-        spec: of the scenario, for those that adapt.
-        context: of their strategies.
+        spec: spec of the scenario, for those that adapt.
+        context: context of their strategies.
 
     Raises:
         InputError: there is no such manager.
@@ -213,7 +213,7 @@ def require_strategy(scenario: Scenario, combinations: Container[str]) -> None:
 
     Args:
         scenario: names the strategy.
-        combinations: of the run's base.
+        combinations: combinations of the run's base.
 
     Raises:
         InputError: there is no such strategy, it is none for a loop, or there are too few episodes for one

@@ -40,12 +40,12 @@ class Execution:
 
 @dataclass(frozen=True, eq=False)
 class Monitored:
-    """From the monitor to analyzer, shield, learner and planner: what is known after a step.
+    """From the monitor to analyzer, shield, learner and planner: the knowledge after a step.
 
     Attributes:
         episode: counted from 0.
         step: number of steps of the episode so far.
-        news: what has arrived with this step, in order; empty where observations are late or lost.
+        news: transitions and sightings that arrive with this step; none where observations are late or lost.
         enabled: bool [A], the actions that are possible now.
         state: where the system is now; None: not known.
         seen: the last state that was seen; None: none in this episode.

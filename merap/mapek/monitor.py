@@ -28,7 +28,7 @@ class Sensed:
 
 
 class Sensors:
-    """Hold back what is delayed and drop what is lost.
+    """Hold back late observations and drop lost ones.
 
     The last observation of an episode is never lost, and brings along all that is still under way. The
     enabled actions come from the actuators, and the end of an episode from the system itself: both
@@ -36,7 +36,7 @@ class Sensors:
 
     Args:
         spec: the delay, and the probability of a loss.
-        generator: of the losses.
+        generator: draws the losses.
     """
 
     def __init__(self, spec: SensingSpec, generator: np.random.Generator) -> None:
@@ -45,7 +45,7 @@ class Sensors:
         self._under_way: deque[Sensed] = deque()
 
     def clear(self) -> None:
-        """Drop what is under way, since an episode begins."""
+        """Drop observations under way, since an episode begins."""
         self._under_way.clear()
 
     def deliver(self, step: int, observation: Observation | None) -> tuple[Sensed, ...]:
@@ -84,7 +84,7 @@ class Monitor:
         self._seen_at = 0
 
     def receive(self, execution: Execution) -> Monitored:
-        """Say what is known after a step, or after a reset, which begins an episode."""
+        """Report on the state after a step, or after a reset, which begins an episode."""
         if execution.action is None:
             self._begin()
         else:

@@ -22,7 +22,7 @@ class Decision:
 
     Attributes:
         step: number of steps of the episode before it.
-        kind: of the decision.
+        kind: kind of the decision.
         reasons: why, in plain lines.
     """
 
@@ -55,9 +55,9 @@ class EpisodeLog:
         decisions: in order.
         problems: in order.
         policy: after the episode, if it was updated.
-        model: of the analyzer, if adaptation ended with the episode.
-        extension: of the base, if the model was outside it.
-        seconds: of wall time.
+        model: model of the analyzer, if adaptation ended with the episode.
+        extension: extension of the base, if the model was outside it.
+        seconds: wall time.
     """
 
     episode: int
@@ -97,7 +97,7 @@ class EpisodeRow:
         unsafe: steps that led into an unsafe state.
         completed: the task was completed.
         replans: number of times that adaptation began anew.
-        updates: of the policy.
+        updates: updates of the policy.
         fallbacks: actions in place of plans that were late or could not be made.
         problems: faults of the system that no retry has mended, and observations that make no sense.
         safe_optimum: as `optimum`, of the best policy within the shield's threshold; None: there is no

@@ -31,7 +31,7 @@ def check_decisions(run: RunFolder, knowledge: KnowledgeBase, number: int) -> tu
     Args:
         run: the training run that the loop ran with.
         knowledge: the base that has the record.
-        number: of the run of the loop there.
+        number: number of the run of the loop there.
 
     Raises:
         InputError: the recorded run is not one of a loop, or was made with another case.

@@ -45,8 +45,8 @@ class RecordedEpisode:
     """An episode of an earlier process.
 
     Attributes:
-        row: of the report.
-        seconds: of wall time.
+        row: its row of the report.
+        seconds: wall time.
         observations: after the reset and after every step.
         late: step -> the way in which its plan was late.
         taken: step -> the action that the system took in place of the requested one.

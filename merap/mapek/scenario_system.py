@@ -30,11 +30,11 @@ class ScenarioSystem:
     the way: until then it waits.
 
     Args:
-        stages: of the scenario, in order.
+        stages: stages of the scenario, in order.
         noise: on rewards and actions.
         reset: how an episode begins; None: as the first system says.
-        generator: of all draws.
-        threshold: of the shield, for the ground truth; None: there is no shield.
+        generator: draws everything.
+        threshold: threshold of the shield, for the ground truth; None: there is no shield.
 
     Raises:
         InputError: a reachable state has no action; names it.

@@ -57,7 +57,7 @@ class LoopReport(ShortRepr):
         scenario: its name.
         manager: name of the manager.
         case: name of the case.
-        seed: of everything random.
+        seed: seed of everything random.
         rows: one for each episode.
         reactions: one for each change that took effect.
         shield: report of the shield; None: there is none.
@@ -104,8 +104,8 @@ def reactions(rows: Sequence[EpisodeRow], stages: Sequence[Stage]) -> tuple[Reac
     """Return the reaction of the loop to each change that took effect.
 
     Args:
-        rows: of all episodes.
-        stages: of the scenario.
+        rows: rows of all episodes.
+        stages: stages of the scenario.
     """
     found = []
     for number in range(1, len(stages)):

@@ -29,7 +29,7 @@ def served_combination(
 
     Args:
         combination: the system.
-        generator: of every draw.
+        generator: draws everything.
         slip: probability that an action does nothing.
         noise: standard deviation of the Gaussian noise on rewards.
         detect: whether the case's detectors are read.
@@ -59,7 +59,7 @@ def served_scenario(
     The sensing, strategy and episodes of the scenario are for a loop, and not used.
 
     Args:
-        case: of the scenario.
+        case: case of the scenario.
         scenario: the system, and its changes.
         detect: whether the case's detectors are read.
         pace: None: it waits for its manager.

@@ -1,4 +1,4 @@
-"""Pictures: maps with policies and paths, adaptation curves.
+"""Draw maps with policies and paths, adaptation curves and timelines.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

@@ -26,9 +26,9 @@ class Colouring:
     Attributes:
         face: float64 [P, 4], colour of each location.
         dotted: bool [P], where a truth value holds, which is dotted as well.
-        entries: what the legend says about it; empty if there is a scale.
+        entries: lines of the legend about it; empty if there is a scale.
         scale: for a colour bar; None if the legend says it all.
-        title: of the colour bar.
+        title: title of the colour bar.
     """
 
     face: Floats
@@ -43,7 +43,7 @@ def colour_by(combination: Combination, name: str | None) -> Colouring:
 
     Args:
         combination: its environment says the values.
-        name: of the attribute; None takes the first that is not the same everywhere, if any.
+        name: name of the attribute; None takes the first that is not the same everywhere, if any.
 
     Raises:
         InputError: there is no such attribute.

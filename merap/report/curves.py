@@ -1,4 +1,4 @@
-"""Adaptation curves: what the policy is worth after each policy update (figure 5 of the paper).
+"""Adaptation curves: the value of the policy after each policy update (figure 5 of the paper).
 
 Axes: R runs (seeds), U + 1 rows of a curve; row 0 is before any episode.
 """
@@ -44,11 +44,11 @@ def draw_adaptation(
     run that stopped early keeps its last policy, so its last value goes on.
 
     Args:
-        curves: of each strategy, one sequence of expected returns per run.
+        curves: for each strategy one sequence of expected returns per run.
         optimum: value of the best policy; it and the 5 % below are marked.
         worst: value of the worst policy.
-        title: of the picture.
-        scale: of the steps; logarithmic ones begin linearly, as they include step 0.
+        title: title of the picture.
+        scale: scale of the steps; logarithmic ones begin linearly, as they include step 0.
 
     Raises:
         InputError: no strategy, a strategy without runs, or a run without values.
@@ -89,7 +89,7 @@ def _add_legend(figure: Figure, axes: Axes) -> None:
 
 
 def _table(name: str, runs: Runs) -> Floats:
-    """float64 [R, U + 1], each run continued with its last value."""
+    """Return float64 [R, U + 1], each run continued with its last value."""
     if len(runs) == 0 or any(len(run) == 0 for run in runs):
         raise InputError(f"strategy {name!r} has no runs, or a run without values")
     longest = max(len(run) for run in runs)
@@ -140,7 +140,7 @@ def _draw_strategy(axes: Axes, table: Floats, name: str, line: Line, marker: str
 
 
 def _set_range(axes: Axes, lowest: float, optimum: float, worst: float) -> None:
-    """From a bit below the curves to a bit above the optimum; the worst value only if it is near."""
+    """Show from a bit below the curves to a bit above the optimum; the worst value only if it is near."""
     span = max(optimum - lowest, 0.1 * abs(optimum), 1e-9)
     bottom = worst if lowest - worst < 0.4 * span else lowest
     axes.set_ylim(bottom - 0.06 * span, optimum + 0.06 * span)

@@ -7,12 +7,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from merap.mdp.model import Bools, Floats
 from merap.report.geometry import EdgeLines, directions_of, right_of, triangles
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import GREY, VERMILLION, Entry, mark
 
 
 def draw_edges(panel: Panel) -> list[Entry]:
-    """Edges as lines, one-way ones with an arrow head, blocked ones dotted with a bar across.
+    """Draw edges as lines, one-way ones with an arrow head, blocked ones dotted with a bar across.
 
     On a grid neighbours touch, so that only the bars are drawn.
     """
@@ -59,7 +59,7 @@ def _draw_directions(panel: Panel) -> list[Entry]:
 
 
 def _middles(lines: EdgeLines, mask: Bools) -> tuple[Floats, Floats]:
-    """float64 [M, 2] twice: the middle of each masked line and its direction there."""
+    """Return float64 [M, 2] twice: the middle of each masked line and its direction there."""
     chosen = [line for line, wanted in zip(lines.lines, mask, strict=True) if wanted]
     pieces = np.array([line[(len(line) - 1) // 2 : (len(line) - 1) // 2 + 2] for line in chosen])
     ends = np.array([[line[0], line[-1]] for line in chosen])

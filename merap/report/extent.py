@@ -1,4 +1,4 @@
-"""What a map shows and how large: one scale for positions, circles and text."""
+"""Choose the part of the plane that a map shows, and one scale for positions, circles and text."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Extent:
         high: float64 [2], greatest x and y.
         scale: inches per unit of the positions.
         spacing: least distance of two locations; on a grid the side of a cell.
-        radius: of a location's circle, in units of the positions; on a grid half a cell.
+        radius: radius of a location's circle, in units of the positions; on a grid half a cell.
         is_grid: locations are cells that touch.
         name_size: in points; 0 shows no names.
     """
@@ -75,7 +75,7 @@ def extent_of(space: Space) -> Extent:
 
 
 def _margin(space: Space, radius: float, name_size: float) -> Floats:
-    """Inches around the outermost locations: half a name to the sides, a whole one above."""
+    """Return inches around the outermost locations: half a name to the sides, a whole one above."""
     if name_size == 0:
         return np.array([2 * radius, 2 * radius])
     sizes = name_sizes(space.locations, name_size)
@@ -83,6 +83,6 @@ def _margin(space: Space, radius: float, name_size: float) -> Floats:
 
 
 def name_sizes(names: tuple[str, ...], size: float) -> Floats:
-    """float64 [P, 2], width and height of each name in inches."""
+    """Return float64 [P, 2], width and height of each name in inches."""
     widths = [TextPath((0, 0), name, size=size, usetex=False).get_extents().width for name in names]
     return np.stack([np.array(widths), np.full(len(names), 1.15 * size)], axis=1) / 72

@@ -23,7 +23,7 @@ BENT_POINTS = 25
 
 
 def spacing_of(positions: Floats) -> float:
-    """The least distance between two of the positions [P, 2] that differ; 1 if none do."""
+    """Return the least distance between two of the positions [P, 2] that differ; 1 if none do."""
     distinct = np.unique(positions, axis=0)
     if len(distinct) < 2:
         return 1.0
@@ -70,14 +70,14 @@ class EdgeLines:
         return {(int(first), int(second)): index for index, (first, second) in enumerate(self.pairs)}
 
     def between(self, source: int, target: int) -> Floats:
-        """float64 [K, 2], from source to target; straight where no edge joins them."""
+        """Return float64 [K, 2], from source to target; straight where no edge joins them."""
         index = self._index.get((min(source, target), max(source, target)))
         if index is None:
             return self.positions[[source, target]]
         return self.lines[index] if source < target else self.lines[index][::-1]
 
     def along(self, locations: Sequence[int]) -> tuple[Floats, Ints]:
-        """The line through a sequence of locations that differ from one to the next.
+        """Return the line through a sequence of locations that differ from one to the next.
 
         Returns:
             float64 [K, 2], its points; int64, the first point of the middle piece of each hop.
@@ -115,7 +115,7 @@ def edge_lines(space: Space, blocked_edges: Bools, clearance: float) -> EdgeLine
 
 
 def _runs_through_another(positions: Floats, pairs: Ints, clearance: float) -> Bools:
-    """bool [E]: a third location is nearer to the straight line than `clearance`."""
+    """Return bool [E], a third location is nearer to the straight line than `clearance`."""
     first, second = positions[pairs[:, 0]], positions[pairs[:, 1]]
     tree = cKDTree(positions)
     length = np.linalg.norm(second - first, axis=1)
@@ -135,7 +135,7 @@ def _runs_through_another(positions: Floats, pairs: Ints, clearance: float) -> B
 
 
 def _bend(first: Floats, second: Floats) -> Floats:
-    """An arc as a quadratic Bezier curve, float64 [K, 2]."""
+    """Return an arc as a quadratic Bezier curve, float64 [K, 2]."""
     t = np.linspace(0, 1, BENT_POINTS)[:, None]
     across = np.array([first[1] - second[1], second[0] - first[0]])
     control = (first + second) / 2 + 2 * BEND * across
@@ -144,24 +144,24 @@ def _bend(first: Floats, second: Floats) -> Floats:
 
 
 def directions_of(points: Floats) -> Floats:
-    """float64 [K - 1, 2], unit vectors along the pieces of a line [K, 2]."""
+    """Return float64 [K - 1, 2], unit vectors along the pieces of a line [K, 2]."""
     return unit(np.diff(points, axis=0))
 
 
 def unit(vectors: Floats) -> Floats:
-    """Vectors [..., 2] at length 1; those of length 0 stay."""
+    """Scale vectors [..., 2] to length 1; those of length 0 stay."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     scaled: Floats = vectors / np.where(length > 0, length, 1)
     return scaled
 
 
 def right_of(directions: Floats) -> Floats:
-    """Unit vectors [..., 2] turned to their right."""
+    """Turn unit vectors [..., 2] to their right."""
     return np.stack([directions[..., 1], -directions[..., 0]], axis=-1)
 
 
 def offset_line(points: Floats, offset: float) -> Floats:
-    """The line moved to its right: pieces stay parallel, bends get a mitre, sharp ones a bevel.
+    """Move a line to its right: pieces stay parallel, bends get a mitre, sharp ones a bevel.
 
     Args:
         points: float64 [K, 2], K at least 2, no two neighbours equal.
@@ -182,7 +182,7 @@ def offset_line(points: Floats, offset: float) -> Floats:
 
 
 def triangles(centres: Floats, directions: Floats, size: float) -> Floats:
-    """float64 [M, 3, 2], arrow heads that point along unit vectors [M, 2]."""
+    """Return float64 [M, 3, 2], arrow heads that point along unit vectors [M, 2]."""
     along, across = directions * size, right_of(directions) * size * 0.62
     return np.stack(
         [centres + 0.6 * along, centres - 0.4 * along + across, centres - 0.4 * along - across], axis=1
@@ -190,7 +190,7 @@ def triangles(centres: Floats, directions: Floats, size: float) -> Floats:
 
 
 def arrows(tails: Floats, directions: Floats, length: float, widths: Floats) -> Floats:
-    """float64 [M, 7, 2], arrows as outlines.
+    """Return float64 [M, 7, 2], arrows as outlines.
 
     Args:
         tails: float64 [M, 2].

@@ -50,14 +50,14 @@ def place_labels(
 
 
 def _candidates(anchors: Floats, radii: Floats, sizes: Floats) -> Floats:
-    """float64 [P, D, 2]: boxes that touch the circle on one side or at a corner."""
+    """Return float64 [P, D, 2], boxes that touch the circle on one side or at a corner."""
     corner = np.abs(_SIDES).sum(axis=1) > 1
     reach = np.where(corner, np.sqrt(0.5), 1.0)[None, :, None] * radii[:, None, None] + _GAP
     return anchors[:, None] + _SIDES * (reach + sizes[:, None] / 2)
 
 
 def _outside(centres: Floats, sizes: Floats, page: tuple[Floats, Floats]) -> Bools:
-    """bool [P, D]: whether a name would leave the page there."""
+    """Return bool [P, D], whether a name would leave the page there."""
     low, high = page
     half = sizes[:, None] / 2
     leaves: Bools = np.any((centres - half < low) | (centres + half > high), axis=2)
@@ -65,7 +65,7 @@ def _outside(centres: Floats, sizes: Floats, page: tuple[Floats, Floats]) -> Boo
 
 
 def _points_inside(centres: Floats, sizes: Floats, points: Floats) -> Floats:
-    """float64 [P, D]: how many points a name would cover there."""
+    """Return float64 [P, D], the number of points a name would cover there."""
     counts = np.zeros(centres.shape[:2])
     for name, size in enumerate(sizes):
         apart = np.abs(centres[name][:, None] - points[None])
@@ -74,7 +74,7 @@ def _points_inside(centres: Floats, sizes: Floats, points: Floats) -> Floats:
 
 
 def _circles_touched(centres: Floats, sizes: Floats, anchors: Floats, radii: Floats) -> Floats:
-    """float64 [P, D]: how many circles a name would touch there, its own left out."""
+    """Return float64 [P, D], the number of circles a name would touch there, its own left out."""
     beyond = np.abs(centres[:, :, None] - anchors) - sizes[:, None, None] / 2
     distance = np.linalg.norm(np.maximum(beyond, 0), axis=3)
     touched = distance < radii + _GAP / 2
@@ -85,7 +85,7 @@ def _circles_touched(centres: Floats, sizes: Floats, anchors: Floats, radii: Flo
 
 
 def _overlap(centres: Floats, size: Floats, others: Floats, sizes: Floats) -> Floats:
-    """float64 [D]: how many other names a name would touch there."""
+    """Return float64 [D], the number of other names a name would touch there."""
     apart = np.abs(centres[:, None] - others)
     counts: Floats = (apart < (size + sizes) / 2 + _GAP).all(axis=2).sum(axis=1).astype(np.float64)
     return counts

@@ -17,7 +17,7 @@ from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import (
     GREEN,
     INK,
@@ -41,13 +41,13 @@ class Layer:
     """A marker on a location.
 
     Attributes:
-        marker: of matplotlib.
-        colour: of its face, `none` for an outline.
+        marker: marker of matplotlib.
+        colour: colour of its face, `none` for an outline.
         edge: colour of its outline.
         size: in diameters of the location.
-        width: of the outline, in diameters of the location.
-        z: what has a higher one covers it; circles have 3.
-        shift: of the centre to the right and upwards, in radii.
+        width: width of the outline, in diameters of the location.
+        z: markers with a higher one cover it; circles have 3.
+        shift: shift of the centre to the right and upwards, in radii.
     """
 
     marker: str
@@ -78,7 +78,7 @@ _ON_GRID = {
 
 
 def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
-    """Locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
+    """Draw locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
     _draw_faces(panel, colouring)
     combination = panel.combination
     masks = {
@@ -98,7 +98,7 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
 
 
 def unsafe_locations(combination: Combination) -> Bools:
-    """bool [P]: the objective calls a state there unsafe, in some mode."""
+    """Return bool [P], whether the objective calls a state there unsafe, in some mode."""
     condition = combination.objective.unsafe
     if condition is None:
         return np.zeros(combination.space.num_locations, dtype=np.bool_)
@@ -156,7 +156,7 @@ def _entry(layers: tuple[Layer, ...], meaning: str) -> Entry:
 
 
 def draw_names(panel: Panel) -> None:
-    """The names beside their locations; on a grid rows and columns are numbered instead."""
+    """Write the names beside their locations; on a grid number rows and columns instead."""
     combination, extent = panel.combination, panel.extent
     space = combination.space
     if extent.is_grid:

@@ -14,10 +14,9 @@ from merap.report.colouring import Colouring, colour_by
 from merap.report.edges import draw_edges
 from merap.report.locations import draw_locations, draw_names
 from merap.report.moves import draw_policy
-from merap.report.panel import Panel
 from merap.report.path import RoutePath
 from merap.report.routes import draw_routes
-from merap.report.sheet import close_sheet, open_sheet
+from merap.report.sheet import Panel, close_sheet, open_sheet
 from merap.report.style import LINES, Entry, Line
 
 
@@ -32,7 +31,7 @@ def draw_map(
     """Draw the space of a combination and what its three concerns say about it.
 
     Args:
-        combination: what to draw.
+        combination: the one to draw.
         attribute: colours the locations; None takes the first that is not the same everywhere.
         policy: float [S, A] on the canonical index, drawn as arrows; None draws none.
         paths: drawn as lines, next to each other.
@@ -64,10 +63,10 @@ def draw_before_after(
     attribute: str | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Two maps of the same combination: the path before adaptation and the one after it.
+    """Draw two maps of the same combination: the path before adaptation and the one after it.
 
     Args:
-        combination: what was really there.
+        combination: the true one.
         before: path of the policy before adaptation.
         after: path of the adapted policy.
         attribute: as for `draw_map`.
@@ -103,5 +102,5 @@ def _bar(colouring: Colouring) -> tuple[ScalarMappable, str] | None:
 
 
 def _styles(count: int) -> list[Line]:
-    """One per path; the last is the solid one."""
+    """Return a style for each path; the last is the solid one."""
     return [LINES[(count - 1 - index) % len(LINES)] for index in range(count)]

@@ -13,7 +13,7 @@ from merap.concerns.space import Space
 from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints
 from merap.report.geometry import arrows, right_of, unit
-from merap.report.panel import Panel
+from merap.report.sheet import Panel
 from merap.report.style import INK, ORANGE, SKY_BLUE, Entry, heading, mark
 
 # Faces of the arrows of the first, second, ... mode; all have a dark outline.
@@ -35,7 +35,7 @@ class Moves:
 
 
 def likeliest_moves(combination: Combination, policy: Floats, mode: int) -> Moves:
-    """What a policy most probably does at each location in a mode.
+    """Return the most probable action of a policy at each location in a mode.
 
     Args:
         combination: declares locations, modes and actions.
@@ -62,7 +62,7 @@ def likeliest_moves(combination: Combination, policy: Floats, mode: int) -> Move
 
 
 def draw_policy(panel: Panel, policy: Floats) -> list[Entry]:
-    """An arrow for a move, a square for staying, a diamond for an innate action.
+    """Draw an arrow for a move, a square for staying, a diamond for an innate action.
 
     Each terminal mode has arrows of its own, the initial mode first; the paler and thinner, the
     less likely.
@@ -132,14 +132,14 @@ _DIAMOND = np.array([[-1.3, 0.0], [0.0, -1.3], [1.3, 0.0], [0.0, 1.3]])
 
 
 def _faded(colour: str, prob: Floats) -> Floats:
-    """float64 [M, 4]: the colour, mixed with white the less likely it is."""
+    """Return float64 [M, 4], the colour, mixed with white the less likely it is."""
     strength = (0.2 + 0.8 * np.clip(prob, 0, 1))[:, None]
     mixed: Floats = to_rgba_array(colour) * strength + (1 - strength)
     return mixed
 
 
 def _directions(panel: Panel, here: Ints, label: Ints) -> Floats:
-    """float64 [M, 2]: where the edge with a label goes; where there is none, its usual direction."""
+    """Return float64 [M, 2], where the edge with a label goes; where there is none, its usual direction."""
     space = panel.combination.space
     target = space.target[here, label]
     usual = np.array([_usual_direction(space, move) for move in range(len(space.moves))])

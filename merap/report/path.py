@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal, TypeAlias
@@ -36,7 +36,7 @@ class RoutePath:
         modes: T + 1 names of modes; empty where they were not recorded.
         ending: the task was completed; or it ended where no goal is; or it would go round for ever; or
             nothing of that is known.
-        label: what the path shows, for a legend.
+        label: its name in a legend.
     """
 
     locations: tuple[int, ...]
@@ -84,7 +84,7 @@ def most_likely_path(
         mdp: the whole model (p, q, done) of the combination, or its model on the canonical
             index p * Q + q with the completed state last.
         combination: whose locations and modes these are.
-        policy: float [S, A], or float [T, S, A] with what to do at time t.
+        policy: float [S, A], or float [T, S, A] by time t.
         horizon: T, the most steps to follow.
         label: for the legend.
 
@@ -107,36 +107,6 @@ def most_likely_path(
     )
 
 
-def sampled_path(
-    combination: Combination,
-    steps: Sequence[tuple[int, str]],
-    last: int,
-    *,
-    completed: bool,
-    modes: Sequence[str] = (),
-    label: str = "path",
-) -> RoutePath:
-    """A path as it was recorded.
-
-    Args:
-        combination: whose locations these are.
-        steps: T pairs of a location's index and the action taken there.
-        last: the location after the last step.
-        completed: whether the task came to an end.
-        modes: T + 1 names, if they were recorded.
-        label: for the legend.
-    """
-    locations = (*(location for location, _ in steps), last)
-    return RoutePath(
-        locations=locations,
-        names=tuple(combination.space.locations[location] for location in locations),
-        actions=tuple(action for _, action in steps),
-        modes=tuple(modes),
-        ending=_judged("completed" if completed else "open", combination, last),
-        label=label,
-    )
-
-
 def _judged(ending: Ending, combination: Combination, last: int) -> Ending:
     """Return `ended` for a task with a goal that came to an end elsewhere, else the same."""
     goal = combination.objective.goal
@@ -152,7 +122,7 @@ def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
 
 
 def _follow(mdp: TabularMDP, policy: Floats, horizon: int) -> tuple[list[int], list[int], Ending]:
-    """States [T + 1] and actions [T] of the walk, and how it ends."""
+    """Walk: return states [T + 1], actions [T], and how it ends."""
     complete = mdp.labels[COMPLETE_LABEL]
     states, actions = [int(mdp.initial.argmax())], list[int]()
     while not complete[states[-1]]:
@@ -174,7 +144,7 @@ def _likeliest_successor(mdp: TabularMDP, state: int, action: int) -> int:
 
 
 def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]:
-    """The successors of a choice and their probabilities."""
+    """Return the successors of a choice and their probabilities."""
     first, end = mdp.state_to_choice[state : state + 2]
     choice = first + int(np.flatnonzero(mdp.choice_action[first:end] == action)[0])
     branches = slice(*mdp.choice_to_branch[choice : choice + 2])
@@ -182,7 +152,7 @@ def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]
 
 
 def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) -> tuple[Ints, Ints]:
-    """The location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
+    """Return the location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
     space = combination.space
     columns = [mdp.variable_names.index(name) for name in space.variable_names]
     variables = mdp.valuations[states][:, columns]
@@ -194,7 +164,7 @@ def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) 
 
 
 def _where_completed(mdp: TabularMDP, combination: Combination, state: int, action: int) -> tuple[int, int]:
-    """Where a step into the folded completed state leads: location and mode.
+    """Return location and mode where a step into the folded completed state leads.
 
     Without objective the same choice has the same successors, but for those that were folded.
     """

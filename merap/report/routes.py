@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from merap.mdp.model import Floats
 from merap.report.geometry import directions_of, offset_line, right_of, triangles
-from merap.report.panel import Panel
 from merap.report.path import Ending, RoutePath
+from merap.report.sheet import Panel
 from merap.report.style import INK, Entry, Line, heading, mark
 
 _WIDTH = 2.6
@@ -31,9 +31,9 @@ _OUTCOMES: dict[Ending, str] = {
 def draw_routes(
     panel: Panel, paths: Sequence[tuple[RoutePath, Line]], *, beside: bool = False
 ) -> list[Entry]:
-    """Each path as a line with arrow heads, next to each other where they share an edge.
+    """Draw each path as a line with arrow heads, next to each other where they share an edge.
 
-    With `beside` they leave the middle of the edges to what is drawn there.
+    With `beside` they leave the middle of the edges to other drawings there.
 
     A dot ends a path that completed its task, a cross one that did not; a diamond stands where
     an innate action was taken.
@@ -98,7 +98,7 @@ def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
 
 
 def _end_mark(path: RoutePath, colour: str, place: Floats | None = None, scale: float = 1.0) -> Line2D:
-    """A dot or a cross; without a place, for the legend."""
+    """Return a dot or a cross; without a place, for the legend."""
     return Line2D(
         [] if place is None else place[:1],
         [] if place is None else place[1:],

@@ -50,7 +50,7 @@ def save_figure(figure: Figure, path: str | PathLike[str], *, force: bool = Fals
 
 
 def figure_bytes(figure: Figure, suffix: str) -> bytes:
-    """The file of a picture; `suffix` is one of `FORMATS`."""
+    """Return the file of a picture; `suffix` is one of `FORMATS`."""
     stream = BytesIO()
     with mpl.rc_context(_SETTINGS):
         figure.savefig(stream, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=_METADATA[suffix])

@@ -17,8 +17,7 @@ from matplotlib.lines import Line2D
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats
 from merap.report.extent import Extent, extent_of
-from merap.report.geometry import edge_lines
-from merap.report.panel import Panel
+from merap.report.geometry import EdgeLines, edge_lines
 from merap.report.style import FONT_SIZE, INK, PALE, TITLE_SIZE, Entry, unique
 
 _NOTHING = Line2D([], [], linestyle="none")
@@ -35,6 +34,23 @@ _WIDE = 1.3
 
 
 @dataclass(frozen=True, eq=False)
+class Panel:
+    """One map of a page.
+
+    Attributes:
+        axes: to draw on, in the units of the positions.
+        extent: the part of the plane on it, and its scale.
+        lines: along which edges run.
+        combination: the combination on it.
+    """
+
+    axes: Axes
+    extent: Extent
+    lines: EdgeLines
+    combination: Combination
+
+
+@dataclass(frozen=True, eq=False)
 class Sheet:
     """A page whose maps have no place yet.
 
@@ -48,7 +64,7 @@ class Sheet:
 
 
 def open_sheet(combination: Combination, panels: int) -> Sheet:
-    """A page with empty maps of one combination; `close_sheet` gives them their place."""
+    """Make a page with empty maps of one combination; `close_sheet` gives them their place."""
     extent = extent_of(combination.space)
     # On a grid neighbours touch, nothing lies between them.
     clearance = 0.0 if extent.is_grid else 1.3 * extent.radius
@@ -82,9 +98,9 @@ def close_sheet(
 
     Args:
         sheet: with maps that are drawn.
-        title: of the page.
+        title: title of the page.
         panel_titles: one per map, or none.
-        entries: of the legend; what has the same meaning appears once.
+        entries: entries of the legend; one for each meaning.
         colour_bar: colours and their title.
     """
     figure, extent = sheet.figure, sheet.panels[0].extent
@@ -140,7 +156,7 @@ def _arrange(extent: Extent, panels: int, has_titles: bool, legend_size: Floats)
 
 
 def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floats]:
-    """The legend and its size, float64 [2] in inches."""
+    """Draw the legend; return it and its size, float64 [2] in inches."""
     legend = figure.legend(
         # A tuple of artists is drawn one on top of the other, which the type does not know.
         cast("Any", [artists or (_NOTHING,) for artists, _ in entries]),

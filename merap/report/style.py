@@ -53,14 +53,14 @@ Entry: TypeAlias = tuple[tuple[Artist, ...], str]
 
 
 def heading(text: str) -> Entry:
-    """A line of the legend that opens a section."""
+    """Return a line of the legend that opens a section."""
     return (), text
 
 
 def mark(
     marker: str, colour: str, *, edge: str | None = None, size: float = 1.0, width: float = 1.0
 ) -> Line2D:
-    """A mark for the legend, `size` times as large as usual."""
+    """Return a mark for the legend, `size` times as large as usual."""
     return Line2D(
         [],
         [],
@@ -74,7 +74,7 @@ def mark(
 
 
 def unique(entries: Sequence[Entry]) -> list[Entry]:
-    """The entries without those whose meaning came before."""
+    """Return the entries without those whose meaning came before."""
     first: dict[str, Entry] = {}
     for entry in entries:
         first.setdefault(entry[1], entry)
@@ -84,7 +84,7 @@ def unique(entries: Sequence[Entry]) -> list[Entry]:
 def write(
     axes: Axes, x: float, y: float, text: str, *, size: float = FONT_SIZE, weight: str = "normal"
 ) -> Text:
-    """Centred text with a white rim, on top of everything; no character of it is a command."""
+    """Write centred text with a white rim, on top of everything; no character of it is a command."""
     return axes.text(
         x,
         y,

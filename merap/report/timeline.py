@@ -1,4 +1,4 @@
-"""The timeline of a loop: what each episode returned, what was possible, and what happened when.
+"""The timeline of a loop: return and optimum of each episode, and its events.
 
 Axes: E episodes.
 """
@@ -33,10 +33,10 @@ from merap.report.style import (
 
 
 def draw_timeline(report: LoopReport) -> Figure:
-    """Draw return and optimum of every episode, changes, re-plannings, and what went wrong.
+    """Draw return and optimum of every episode, changes, re-plannings, and faults.
 
     Args:
-        report: of a loop; it has at least one episode.
+        report: report of a loop; it has at least one episode.
     """
     figure = Figure(figsize=(9.0, 4.6), facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -61,7 +61,7 @@ def draw_timeline(report: LoopReport) -> Figure:
 
 
 def _draw_phases(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
-    """A band over the episodes in which the policy was adapted."""
+    """Draw a band over the episodes in which the policy was adapted."""
     label: str | None = "policy is adapted"
     for adapting, group in groupby(rows, lambda row: row.phase == "adapting" or row.replans > 0):
         episodes = [row.episode for row in group]
@@ -90,7 +90,7 @@ def _draw_values(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
 
 
 def _draw_known(axes: Axes, rows: Sequence[EpisodeRow], edges: Floats) -> None:
-    """What is possible and what the policy is worth, where it is known what is there."""
+    """Draw the optimum and the value of the policy, where the ground truth is known."""
     axes.stairs(
         _values([row.optimum for row in rows]), edges, baseline=None, color=INK, linestyle=(0, (4, 4)),
         linewidth=1.2, label="optimum in force", gid="optimum",
@@ -108,12 +108,12 @@ def _draw_known(axes: Axes, rows: Sequence[EpisodeRow], edges: Floats) -> None:
 
 
 def _values(values: Sequence[float | None]) -> Floats:
-    """float64 [E]; what is not known is not drawn."""
+    """Return float64 [E]; an unknown value is not drawn."""
     return np.array(values, dtype=np.float64)
 
 
 def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
-    """Marks under the curves, one line for each kind of event that there is."""
+    """Draw marks under the curves, one line for each kind of event that there is."""
     kinds = (
         ("re-planning", "^", VERMILLION, [row.episode for row in rows if row.replans]),
         ("violation", "x", PURPLE, [row.episode for row in rows if row.unsafe]),
@@ -138,7 +138,7 @@ def _draw_events(axes: Axes, rows: Sequence[EpisodeRow]) -> None:
 
 
 def _draw_changes(axes: Axes, reactions: Sequence[Reaction], rows: Sequence[EpisodeRow]) -> None:
-    """Where they came: between episodes, or inside of one, so far as its steps had got."""
+    """Draw the changes where they came: between episodes, or amid one, at the step."""
     steps = {row.episode: row.steps for row in rows}
     for reaction in reactions:
         moment = reaction.episode - 0.5 + min(1.0, reaction.step / max(1, steps[reaction.episode]))

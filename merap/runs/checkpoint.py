@@ -42,7 +42,7 @@ def write_policy(run: RunFolder, policy: MetaPolicy) -> None:
 
 
 def policy_bytes(policy: MetaPolicy) -> bytes:
-    """A meta policy as a safetensors file."""
+    """Return a meta policy as a safetensors file."""
     tensors = {
         **_prefixed(_PARAMETER, policy.parameters),
         **_prefixed(_STEP_SIZE, policy.step_sizes),
@@ -91,7 +91,7 @@ def write_checkpoint(run: RunFolder, state: TrainingState, metrics: Sequence[Upd
 
 
 def read_checkpoint(run: RunFolder, tasks: TaskBatch) -> tuple[TrainingState, list[UpdateMetrics]]:
-    """The state a run can go on from, and its metrics up to there; the initial one if it has none.
+    """Read the state a run can go on from, and its metrics up to there; the initial one if it has none.
 
     The initial one is that of another run where there is a `START_FILE`.
 

@@ -16,7 +16,7 @@ Log = Callable[[UpdateMetrics], None]
 
 @contextmanager
 def event_log(folder: Path, first_update: int) -> Iterator[Log]:
-    """What writes metrics as event files; those of later updates, from an interrupted run, are purged.
+    """Write metrics as event files; those of later updates, from an interrupted run, are purged.
 
     Args:
         folder: of the files.

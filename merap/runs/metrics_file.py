@@ -17,7 +17,7 @@ COLUMNS = tuple(field.name for field in fields(UpdateMetrics) if field.name != "
 
 
 def csv_text(metrics: Sequence[UpdateMetrics], columns: Sequence[str]) -> str:
-    """A header and a row for each update; floats are written so that they read back the same."""
+    """Return a header and a row for each update; floats are written so that they read back the same."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
@@ -28,7 +28,7 @@ def csv_text(metrics: Sequence[UpdateMetrics], columns: Sequence[str]) -> str:
 
 
 def read_metrics(of_updates: Path, of_times: Path) -> list[UpdateMetrics]:
-    """The rows of both files, as many as both have.
+    """Read the rows of both files, as many as both have.
 
     Raises:
         InputError: a file is missing or damaged.

@@ -62,7 +62,7 @@ class PolicyTable:
 
 
 def tabulate(meta: MetaPolicy, models: Sequence[TabularMDP]) -> PolicyTable:
-    """A policy as a table.
+    """Return a policy as a table.
 
     Args:
         meta: the policy and its network.
@@ -84,7 +84,7 @@ def tabulate(meta: MetaPolicy, models: Sequence[TabularMDP]) -> PolicyTable:
 
 
 def csv_text(table: PolicyTable) -> str:
-    """A row for each state in which something can be done: its variables, then each action's probability."""
+    """Return a row for each state with an action: its variables, then each action's probability."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([*table.variable_names, *table.action_names])
@@ -96,7 +96,7 @@ def csv_text(table: PolicyTable) -> str:
 
 
 def npz_bytes(table: PolicyTable, case: CaseStudy, title: str) -> bytes:
-    """The same rows as arrays that `numpy.load` reads; see docs/policies.md for their names."""
+    """Return the same rows as arrays that `numpy.load` reads; see docs/policies.md for their names."""
     stream = io.BytesIO()
     np.savez(
         stream,
@@ -116,7 +116,7 @@ def npz_bytes(table: PolicyTable, case: CaseStudy, title: str) -> bytes:
 
 
 def prism_text(meta: MetaPolicy, system: Combination, title: str) -> str:
-    """The Markov chain that a policy makes of a system; see `render_policy`.
+    """Return the Markov chain that a policy makes of a system; see `render_policy`.
 
     Args:
         meta: the policy and its network.
@@ -134,7 +134,7 @@ def prism_text(meta: MetaPolicy, system: Combination, title: str) -> str:
 
 
 def _on_whole(whole: TabularMDP, table: PolicyTable) -> Floats:
-    """float64 [S', A'], the policy on a whole model, as Storm builds it: matched by valuation and name."""
+    """Return float64 [S', A'], the policy on a whole model of Storm's, matched by valuation and name."""
     columns = align_variables(whole, (*table.variable_names, FLAG_VARIABLE))[:, :-1]
     row = match_rows(columns, table.valuations)
     row[whole.labels[COMPLETE_LABEL]] = len(table.valuations) - 1

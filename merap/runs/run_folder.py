@@ -206,7 +206,7 @@ def read_manifest(path: Path) -> Mapping[str, Any]:
 
 
 def read_tasks(run: RunFolder) -> list[TabularMDP]:
-    """The canonical models of a run's base.
+    """Read the canonical models of a run's base.
 
     Raises:
         InputError: an archive is missing, damaged or has changed.

@@ -16,7 +16,7 @@ MAX_SHOWN = 100
 def read_config(
     file: Path | None, words: Sequence[str], base: TrainingConfig | None = None, **given: Any
 ) -> TrainingConfig:
-    """The settings of a run; later sources win: defaults or base, file, words, options.
+    """Read the settings of a run; later sources win: defaults or base, file, words, options.
 
     Args:
         file: a YAML mapping of settings.
@@ -46,7 +46,7 @@ def _parsed(word: str, source: str) -> Mapping[str, Any]:
 
 
 def _checked(settings: Mapping[Any, Any], source: str) -> Mapping[str, Any]:
-    """The same, if each is a setting with an allowed value."""
+    """Return the same, if each is a setting with an allowed value."""
     try:
         TrainingConfig(**{str(key): value for key, value in settings.items()})
     except InputError as error:

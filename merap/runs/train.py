@@ -86,12 +86,12 @@ def begin_run(
 
 
 def tasks_of(run: RunFolder) -> TaskBatch:
-    """The tasks of a run, from its archives."""
+    """Return the tasks of a run, from its archives."""
     return batch_of(run.case, read_tasks(run))
 
 
 def batch_of(case: CaseStudy, models: Sequence[TabularMDP]) -> TaskBatch:
-    """Canonical models of a case as tasks."""
+    """Return canonical models of a case as tasks."""
     horizon = case.combination_at(0).objective.horizon
     return task_batch(models, horizon, case.discount, kinds=case_kinds(case.space, len(case.modes)))
 

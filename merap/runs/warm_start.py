@@ -59,7 +59,7 @@ def _states(case: CaseStudy) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
 
 
 def begun_from(meta: MetaPolicy, tasks: TaskBatch, config: TrainingConfig) -> TrainingState:
-    """The state before the first update: parameters and step sizes are those of a meta policy."""
+    """Return the state before the first update: parameters and step sizes are those of a meta policy."""
     state = initial_state(policy_network(tasks, config), config, tasks.dtype)
     sizes = torch.cat([value.flatten() for value in meta.step_sizes.values()])
     with torch.no_grad():

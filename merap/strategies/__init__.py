@@ -1,4 +1,4 @@
-"""Adaptation strategies behind one interface (`merap.systems.strategy.Strategy`).
+"""Adapt to an online system by one of several strategies, and evaluate how fast.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

@@ -46,7 +46,7 @@ class Adaptation(ShortRepr):
 
     Attributes:
         system: its name.
-        conditions: of its episodes.
+        conditions: conditions of its episodes.
         strategy: name of the strategy.
         reachable: returns of the best and the worst policy there.
         runs: one for each seed.
@@ -55,7 +55,7 @@ class Adaptation(ShortRepr):
         after: the same after its last update.
         reasons: explanations of the strategy in each run, before any episode and after each update.
         model: the system's true model, on the canonical index.
-        safety: of each run; empty if the system's objective declares nothing unsafe and there is no
+        safety: safety of each run; empty if the system's objective declares nothing unsafe and there is no
             shield.
         within_shield: best return and chance within the shield's threshold; None: there is no shield.
     """
@@ -115,8 +115,8 @@ def adapt(
         episodes_per_step: B, of strategies that take gradient steps.
         steps: policy updates.
         max_episodes: real episodes at most, in place of `steps`.
-        seeds: of the episodes: one, several, or a text such as `0:5`.
-        conditions: of its episodes.
+        seeds: seeds of the episodes: one, several, or a text such as `0:5`.
+        conditions: conditions of its episodes.
         shield: keeps actions, exploration and the learned policy within a threshold, which alone may be
             given; None: there is none.
         on_step: called after each policy update of each seed.

@@ -32,7 +32,7 @@ def adapted_policy(
         system: an online system or a combination of the run's case.
         steps: gradient steps; 0 gives the meta policy.
         episodes_per_step: B.
-        seed: of the episodes.
+        seed: seed of the episodes.
         on_step: called after each step.
 
     Raises:

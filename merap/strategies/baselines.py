@@ -77,7 +77,7 @@ def pretrained_policies(
     Args:
         run: the run.
         network: the shape of its policies.
-        names: of the combinations.
+        names: names of the combinations.
         tasks: their models; asked for those that have not been learned before.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Evaluation of an adaptation: the value of its policies on the true model, and how soon one was good enough.
+"""Evaluate an adaptation: the value of its policies on the true model, and how soon one was good enough.
 
 Axes: T steps, S states, A declared actions.
 """
@@ -114,17 +114,17 @@ class Run(ShortRepr):
     """One adaptation.
 
     Attributes:
-        seed: of its episodes.
+        seed: seed of its episodes.
         curve: a row for each policy update and row 0.
-        steps_to_within_5_percent: of the first of three rows in a row that are; None if never.
+        steps_to_within_5_percent: steps of the first of three rows in a row that are; None if never.
         episodes_to_within_5_percent: likewise.
-        episodes_to_solved: of the first of three rows in a row that are solved; None if never.
+        episodes_to_solved: episodes of the first of three rows in a row that are solved; None if never.
         first_episode_regret: optimum minus the value of the policy before any episode.
         cumulative_regret: optimum minus the value of the policy in use, summed over the real
             episodes, or the first of them; exploration is not in it.
         sampled_regret: optimum minus what the same episodes returned, summed: with exploration,
             and with luck.
-        steps_back: what the system took to get back to its start between episodes.
+        steps_back: steps that the system took to get back to its start between episodes.
         too_short: it never was within 5 % for three rows in a row, but might have been had it gone on: its
             last row is, or there are fewer than three.
     """
@@ -151,10 +151,10 @@ def judged(
     """Return a run with its scores.
 
     Args:
-        seed: of its episodes.
+        seed: seed of its episodes.
         curve: row 0 and a row for each policy update.
-        reachable: what any policy can earn.
-        steps_back: what the system took to get back to its start between episodes.
+        reachable: range of returns that policies can earn.
+        steps_back: steps that the system took to get back to its start between episodes.
         regret_episodes: regret is summed over that many real episodes from the first on; None: over all.
     """
     good = [reachable.within_5_percent(row.expected_return) for row in curve]

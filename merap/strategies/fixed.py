@@ -25,7 +25,7 @@ class FixedStrategy:
     Args:
         policy: float64 [S, A] or [T, S, A]; after T steps the last one holds.
         valuations: int64 [S, V], the canonical index; the completed state is the last.
-        generator: of its actions.
+        generator: draws its actions.
         reason: why this policy, for `explain`.
     """
 

@@ -37,7 +37,7 @@ class _Step:
 
 
 def untrained(meta: MetaPolicy, generator: np.random.Generator) -> MetaPolicy:
-    """Where `ope` begins: the network and the rule of a meta policy, and nothing that it has learned."""
+    """Return a start for `ope`: network and rule of a meta policy, and nothing that it has learned."""
     drawn = torch.Generator().manual_seed(int(generator.integers(2**63)))
     parameters = initial_parameters(meta.network, drawn, meta.variance.dtype)
     step_sizes = {name: torch.full_like(value, STEP_SIZE) for name, value in parameters.items()}
@@ -54,7 +54,7 @@ class GradientStrategy:
         meta: where adaptation starts, and how far its steps go.
         valuations: int64 [S, V], the canonical index; the completed state is the last.
         episodes_per_update: B.
-        generator: of its actions.
+        generator: draws its actions.
         trained: the start was learned, and its variance of the advantages with it; else that is a
             running mean over the updates.
     """
@@ -86,11 +86,11 @@ class GradientStrategy:
 
     @property
     def parameters(self) -> Parameters:
-        """Of the policy after the steps so far."""
+        """Parameters of the policy after the steps so far."""
         return {name: value[0] for name, value in self._parameters.items()}
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
-        """An episode begins or goes on; what a gap in it has earned counts as nothing."""
+        """Begin an episode or go on with it; what a gap in it has earned counts as nothing."""
         if not resumed:
             self._episodes.append([])
         self._time = time
@@ -102,17 +102,17 @@ class GradientStrategy:
         self._behaviour = self._exploring()
 
     def act(self, allowed: Bools) -> int:
-        """An action drawn from the policy with the rule's exploration, among those allowed."""
+        """Draw an allowed action from the policy with the rule's exploration."""
         return draw_action(self._behaviour[self._state], allowed, self._generator.random())
 
     def observe(self, action: int, observation: Observation) -> None:
-        """What a step has led to."""
+        """Record a step."""
         self._episodes[-1].append(_Step(self._time, self._state, action, observation.reward))
         self._time += 1
         self._look(observation)
 
     def update(self) -> None:
-        """One gradient step on the episodes since the last one."""
+        """Take one gradient step on the episodes since the last one."""
         meta = self._meta
         episodes = self._sampled()
         stepped = sampled_step(
@@ -137,12 +137,12 @@ class GradientStrategy:
         self._episodes = []
 
     def policy(self) -> Floats:
-        """float64 [S, A], the policy without exploration."""
+        """Return float64 [S, A], the policy without exploration."""
         with torch.no_grad():
             return _rows(policy_table(self._meta.network, self._parameters, self._mask()))
 
     def explain(self) -> tuple[str, ...]:
-        """How far it has come."""
+        """Tell how far it has come."""
         start = "the meta policy" if self._trained else "random parameters"
         if not self._last_returns:
             return (f"{start} as before any episode",)
@@ -159,13 +159,13 @@ class GradientStrategy:
             self._behaviour = self._exploring()
 
     def _mask(self) -> Tensor:
-        """bool [1, S, A], where actions are taken to be enabled and are not masked."""
+        """Return bool [1, S, A], where actions are taken to be enabled and are not masked."""
         left = self._enabled & self._restriction
         mask = np.where(left.any(axis=1, keepdims=True), left, self._enabled)
         return torch.from_numpy(mask).unsqueeze(0)
 
     def _taken(self) -> Tensor:
-        """bool [1, S, A], what the episodes have done: possible, though it may be masked by now."""
+        """Return bool [1, S, A], the actions of the episodes: possible, though they may be masked by now."""
         taken = np.zeros_like(self._enabled)
         steps = [step for episode in self._episodes for step in episode]
         taken[[step.state for step in steps], [step.action for step in steps]] = True
@@ -181,7 +181,7 @@ class GradientStrategy:
         return self._variance + (seen - self._variance) / min(self._updates, VARIANCE_MEMORY)
 
     def _sampled(self) -> Episodes:
-        """The episodes side by side, every step at its time, padded to the longest."""
+        """Put the episodes side by side, every step at its time, padded to the longest."""
         steps = [step for episode in self._episodes for step in episode]
         number = np.repeat(np.arange(len(self._episodes)), [len(episode) for episode in self._episodes])
         time = np.array([step.time for step in steps])
@@ -202,6 +202,6 @@ class GradientStrategy:
 
 
 def _rows(table: Tensor) -> Floats:
-    """float64 [S, A] of [1, S, A]."""
+    """Return float64 [S, A] of [1, S, A]."""
     rows: Floats = table[0].double().numpy()
     return rows

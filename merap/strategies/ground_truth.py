@@ -28,7 +28,7 @@ class GroundTruth(ShortRepr):
         system: the system.
         model: its true model on the canonical index, slip included.
         slip: probability that an action does nothing.
-        threshold: of the shield; None: there is no shield.
+        threshold: threshold of the shield; None: there is no shield.
         place: location p and mode q in which an episode begins, as p * Q + q; None: as the objective says.
     """
 
@@ -61,7 +61,7 @@ class GroundTruth(ShortRepr):
 
     @cached_property
     def safe_optimum(self) -> SafeOptimum | None:
-        """What the best policies within the threshold can do, the model known; None: there is no shield."""
+        """Value of the best policies within the threshold, the model known; None: there is no shield."""
         if self.threshold is None:
             return None
         return SafeOptimum(self.system, self.slip, self.threshold, self.place)
@@ -82,7 +82,7 @@ def ground_truth(system: Combination, slip: float = 0.0, threshold: float | None
     Args:
         system: the combination.
         slip: probability that an action does nothing.
-        threshold: of the shield; None: there is no shield.
+        threshold: threshold of the shield; None: there is no shield.
 
     Raises:
         InputError: a reachable state has no action; names it. The probability is not in [0, 1).

@@ -1,4 +1,4 @@
-"""Policies by exact policy gradient on known models, without meta-learning (the baselines).
+"""Search policies by exact policy gradient on known models, without meta-learning (the baselines).
 
 The policy that is evaluated has a uniform part that falls to 0: early on every state is visited, so
 that no way of earning is out of the gradient's sight.
@@ -38,13 +38,13 @@ class SearchSettings:
         updates: steps of Adam.
         learning_rate: falls to a tenth of itself along a cosine.
         exploration: uniform part of the policy at the beginning; falls to 0.
-        entropies: of `joint_parameters`, weights tried for the policy's mean entropy over all states at the
+        entropies: for `joint_parameters`, weights tried for the policy's mean entropy over all states at the
             beginning, in units of the range of expected rewards; each falls to 0, and the best of the
             policies is kept. Without entropy one policy for the running example's goals ends at the
             nearest (-22.6 on average; with 0.5: -15.9), with much of it none is found for the paper's
             obstacles (RQ1-2 with 0.5: -8.8; with 0.05: -1.3).
-        tasks_per_update: of `joint_parameters`, models drawn for an update, at most all.
-        seed: of parameters and draws.
+        tasks_per_update: for `joint_parameters`, models drawn for an update, at most all.
+        seed: seed of parameters and draws.
     """
 
     updates: int = 200
@@ -56,7 +56,7 @@ class SearchSettings:
 
 
 def separate_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings) -> Parameters:
-    """A policy for each task that is good there; what a task gives does not depend on the others.
+    """Find a policy for each task that is good there; the result for a task does not depend on the others.
 
     Returns:
         [N, ...].
@@ -72,7 +72,7 @@ def separate_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: Sear
 
 
 def joint_parameters(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings) -> Parameters:
-    """One policy whose mean return over all tasks is good.
+    """Find one policy whose mean return over all tasks is good.
 
     Returns:
         [...].
@@ -101,7 +101,7 @@ def _joint(network: PolicyNetwork, tasks: TaskBatch, settings: SearchSettings, e
 def _mean_return(
     network: PolicyNetwork, parameters: Parameters, tasks: TaskBatch, settings: SearchSettings
 ) -> float:
-    """Exact, over all tasks, without exploration; as many at once as the search has."""
+    """Return the exact mean over all tasks without exploration; as many at once as the search has."""
     total = 0.0
     with torch.no_grad():
         for first in range(0, tasks.num_tasks, settings.tasks_per_update):
@@ -118,13 +118,13 @@ def _returns(
     settings: SearchSettings,
     progress: float,
 ) -> Tensor:
-    """float [N], exact discounted returns with the exploration that is left."""
+    """Return float [N], exact discounted returns with the exploration that is left."""
     table = policy_table(network, parameters, tasks.enabled)
     return expected_return(explore(table, tasks.enabled, settings.exploration * (1 - progress)), tasks)
 
 
 def _entropy(network: PolicyNetwork, parameters: Parameters, tasks: TaskBatch) -> Tensor:
-    """float [], mean over tasks and states, in nats."""
+    """Return float [], the mean over tasks and states, in nats."""
     log_probs = log_policy(action_logits(network, parameters), tasks.enabled)
     return -(log_probs.exp() * log_probs * tasks.enabled).sum(dim=-1).mean()
 
@@ -132,7 +132,7 @@ def _entropy(network: PolicyNetwork, parameters: Parameters, tasks: TaskBatch) -
 def _minimised(
     parameters: Parameters, loss: Callable[[float], Tensor], settings: SearchSettings
 ) -> Parameters:
-    """The parameters after Adam; `loss` is given how much of the search is done, in [0, 1)."""
+    """Return the parameters after Adam; `loss` is given how much of the search is done, in [0, 1)."""
     for leaf in parameters.values():
         leaf.requires_grad_()
     optimizer = torch.optim.Adam(parameters.values(), lr=settings.learning_rate)

@@ -1,4 +1,4 @@
-"""What a strategy is to adapt to: a simulated system, its conditions, and the means of the strategy.
+"""Set an adaptation problem: a simulated system, its conditions, and the means of the strategy.
 
 Axes: P locations, Q modes.
 """
@@ -25,7 +25,7 @@ from merap.systems.strategy import Strategy
 
 @dataclass(frozen=True)
 class Conditions:
-    """What makes a system harder to learn from than its model says.
+    """Conditions under which a system is harder to learn from than its model says.
 
     Attributes:
         reward_noise: standard deviation of the Gaussian noise on the rewards that are seen.
@@ -54,9 +54,9 @@ class AdaptationProblem(ShortRepr):
 
     Attributes:
         truth: the system as it really is; strategies never see it.
-        conditions: of its episodes, with a reset mode.
+        conditions: conditions of its episodes, with a reset mode.
         context: from which strategies are made.
-        shield: of the strategies; None: they are not shielded.
+        shield: shield of the strategies; None: they are not shielded.
     """
 
     truth: GroundTruth

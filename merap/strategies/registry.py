@@ -45,9 +45,9 @@ class StrategyContext:
     Attributes:
         run: a finished training run.
         horizon: T, steps of an episode of the system.
-        discount: of a step.
+        discount: discount of a step.
         episodes_per_step: B, real episodes of a gradient step.
-        true_model: of the system; only `oracle` may look.
+        true_model: true model of the system; only `oracle` may look.
     """
 
     run: RunFolder
@@ -175,7 +175,7 @@ def make_strategy(name: str, context: StrategyContext, generator: np.random.Gene
     Args:
         name: one of `STRATEGIES`; `pretrained` with the name of a combination after a colon.
         context: its means.
-        generator: of everything random in it.
+        generator: draws everything random in it.
 
     Raises:
         InputError: there is no such strategy or combination, the run is not finished, or a stored

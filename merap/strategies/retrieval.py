@@ -46,12 +46,12 @@ class RetrievalStrategy:
     """Retrieves a case of the base after every episode; see `systems.strategy.Strategy`.
 
     Args:
-        names: of the N cases.
+        names: names of the N cases.
         models: their canonical models.
         tasks: the same as arrays.
         horizon: T.
-        generator: of preferences among cases that fit equally well.
-        settings: of the fit.
+        generator: draws preferences among cases that fit equally well.
+        settings: settings of the fit.
     """
 
     episodes_per_update = 1

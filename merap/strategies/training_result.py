@@ -37,7 +37,7 @@ class TrainingResult(ShortRepr):
     """Exact undiscounted values on the tasks of a run, over its horizon.
 
     Attributes:
-        names: of the N tasks.
+        names: names of the N tasks.
         adapted: float64 [N], of the meta policy after its inner steps on real episodes of the task.
         optimum: float64 [N], of the best policy.
         random: float64 [N], of acting uniformly at random.
@@ -54,7 +54,7 @@ class TrainingResult(ShortRepr):
 
     @property
     def far_from_optimum(self) -> bool:
-        """Whether adapted policies gain less than half of what the best ones do over acting at random."""
+        """Whether adapted policies gain less than half as much as the best ones over acting at random."""
         return self.gain < ENOUGH
 
     @property
@@ -65,7 +65,7 @@ class TrainingResult(ShortRepr):
 
     @property
     def gain(self) -> float:
-        """What adapted policies gain over acting at random, as a part of what the best ones do."""
+        """Gain of adapted policies over acting at random, as a part of the best policies' gain."""
         possible = self.optimum.mean() - self.random.mean()
         return float((self.adapted.mean() - self.random.mean()) / possible) if possible > 0 else 1.0
 
@@ -73,7 +73,7 @@ class TrainingResult(ShortRepr):
 def evaluate_training(run: RunFolder) -> TrainingResult:
     """Adapt the policy of a finished run to its tasks, and evaluate it exactly.
 
-    Of more than `MOST_TASKS` tasks, that many are looked at.
+    A base of more than `MOST_TASKS` tasks is judged by that many of them.
 
     Raises:
         InputError: training has not ended, or a file of the run is damaged.

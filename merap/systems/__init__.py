@@ -1,4 +1,4 @@
-"""Managed systems: simulated, Gymnasium or behind HTTP, with retries, and a server for other managers.
+"""Connect managed systems (simulated, Gymnasium, HTTP) with retries, and serve them to other managers.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 class Lateness(StrEnum):
-    """The reason why there is no decision in time; what is repeated from records is late in the same way.
+    """The reason why there is no decision in time; a repetition from records is late in the same way.
 
     `LATE`: the work was begun, after all work before it. `BUSY`: it was not, and never will be.
     """
@@ -27,9 +27,9 @@ class Lateness(StrEnum):
 class Punctual(AbstractContextManager["Punctual"]):
     """Run work with an optional time limit.
 
-    All work goes through one thread, one piece after the other, so what is late is finished before
+    All work goes through one thread, one piece after the other, so late work is finished before
     the next piece begins, and nothing runs side by side. One thread hands work over and takes results,
-    never a piece of work itself. What a piece raises that nobody waits for comes out with the next call
+    never a piece of work itself. An error of a piece that nobody waits for is raised by the next call
     after it has ended.
 
     Attributes:
@@ -37,7 +37,7 @@ class Punctual(AbstractContextManager["Punctual"]):
 
     Args:
         seconds: the limit of a piece of work that is waited for; None: each is done at once and to its end.
-        name: of the thread.
+        name: name of the thread.
     """
 
     def __init__(self, seconds: float | None, name: str = "planner") -> None:
@@ -77,7 +77,7 @@ class Punctual(AbstractContextManager["Punctual"]):
         self.close()
 
     def close(self) -> None:
-        """Take no more work; what has not begun is not done at all."""
+        """Take no more work; pieces that have not begun are dropped."""
         if self._worker is not None:
             self._worker.close()
 

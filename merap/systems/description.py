@@ -1,4 +1,4 @@
-"""Describe what a managed system shows to the outside, and the JSON of it.
+"""Describe the actions and variables that a managed system shows, and their JSON.
 
 The bodies have the form that the UPISAS project asks of its exemplars: every body is an object, and the
 keys of a schema's `properties` are those of the body, neither more nor fewer, so that a manager
@@ -30,10 +30,10 @@ class ShownVariable:
     """A state variable.
 
     Attributes:
-        name: of the variable.
+        name: name of the variable.
         low: its least value.
         high: its greatest value.
-        names: of its values from 0 on; None: they are numbers.
+        names: names of its values from 0 on; None: they are numbers.
     """
 
     name: str
@@ -65,7 +65,7 @@ def interface_of(combination: Combination, *, detect: bool) -> Interface:
     """Describe a simulated combination; the variables of a completed task are -1.
 
     Args:
-        combination: what is simulated.
+        combination: the simulated one.
         detect: whether its detectors are read.
     """
     space = combination.space
@@ -90,7 +90,7 @@ def require_declared(seen: Observation, interface: Interface) -> None:
     """Refuse an observation that an interface does not allow; nothing is rounded or cut to fit.
 
     Raises:
-        SystemFault: of kind `malformed`; names what is wrong, its value, and what is allowed.
+        SystemFault: its kind is `malformed`; names the variable, its value, and what is allowed.
     """
     values, enabled = np.asarray(seen.valuation), np.asarray(seen.enabled)
     if values.shape != (len(interface.variables),) or not np.issubdtype(values.dtype, np.integer):
@@ -133,13 +133,13 @@ def monitor_schema(interface: Interface) -> Json:
             "detections": _object(dict.fromkeys(interface.detectors, _READINGS)),
             "action": {
                 "enum": [*action_names, None],
-                "description": "what the last step has done; null after a reset",
+                "description": "action of the last step; null after a reset",
             },
             "total": _described("number", "sum of the rewards of this episode"),
             **_COUNTERS,
             "step": {**_COUNTERS["step"], **limit},
         },
-        title=f"what is seen of {interface.system}",
+        title=f"observation of {interface.system}",
     )
 
 
@@ -151,7 +151,7 @@ def execute_schema(interface: Interface) -> Json:
     request that made it go on.
     """
     return {
-        "title": f"what {interface.system} is to do, or has done",
+        "title": f"action or reset of {interface.system}",
         "type": "object",
         "properties": {
             "action": {"enum": [*interface.actions, None], "description": "one of the enabled actions"},
@@ -173,7 +173,7 @@ def adaptation_options(interface: Interface) -> Json:
 def adaptation_options_schema(interface: Interface) -> Json:
     """Build the schema of `adaptation_options`."""
     option = _object({"type": {"const": "categorical"}, "values": {"type": "array"}})
-    return _object({"action": option, "reset": option}, title=f"what can be done to {interface.system}")
+    return _object({"action": option, "reset": option}, title=f"adaptation options of {interface.system}")
 
 
 def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, Any]) -> Interface:
@@ -230,7 +230,7 @@ def _integer(variable: ShownVariable) -> Json:
 _READINGS: Json = {
     "type": "object",
     "additionalProperties": {"type": ["boolean", "number"]},
-    "description": "location -> what is read there",
+    "description": "location -> reading there",
 }
 _COUNTERS: Json = {
     "episode": _described("integer", "number of resets so far, from 1 on", minimum=1),

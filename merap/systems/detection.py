@@ -1,4 +1,4 @@
-"""Draw what a case's detectors read where the system is.
+"""Draw the readings of a case's detectors where the system is.
 
 A reading is right with the detector's accuracy, independently of all others. A wrong one of an attribute
 with several values is any other of them; of a real attribute any number of its range.
@@ -25,10 +25,10 @@ def detections(
     Args:
         combination: whose obstacles and attributes are there.
         location: index of the location where the system is.
-        generator: of wrong readings.
+        generator: draws wrong readings.
 
     Returns:
-        Name of a detector -> {name of a location: what is read there}.
+        Name of a detector -> {name of a location: the reading there}.
     """
     return {
         detector.name: _readings(combination, detector, location, generator)
@@ -66,7 +66,7 @@ def _attribute(combination: Combination, name: str) -> Attribute:
 
 
 def _wrong(attribute: Attribute, actual: Floats, generator: np.random.Generator) -> Floats:
-    """float64 like `actual`: any other value, each equally likely."""
+    """Return float64 like `actual`: any other value, each equally likely."""
     if attribute.kind == "real":
         return generator.uniform(attribute.low, attribute.high, len(actual))
     count = int(attribute.high - attribute.low) + 1

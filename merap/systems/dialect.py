@@ -9,8 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from jsonschema import Draft202012Validator
+
+from merap.errors import shortened
 from merap.systems.description import Json
 from merap.systems.interface import Observation
+
+MAX_SHOWN = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +24,7 @@ class MonitoredState:
 
     Attributes:
         observation: as strategies see it; its reward is that of the last step.
-        action: index of what the last step has done; None: unknown, or a reset.
+        action: index of the last step's action; None: unknown, or a reset.
         episode: number of resets; None: the system does not count.
         step: steps of this episode; None: it does not count.
     """
@@ -51,6 +56,14 @@ class Dialect(Protocol):
         """Build the body of `/execute`; None: nothing is to be sent, as where a system can't be reset.
 
         Args:
-            action: what to do; None: begin an episode.
-            last: what was seen when that was decided; None: nothing yet.
+            action: the action to take; None: begin an episode.
+            last: the state for which that was decided; None: none was seen yet.
         """
+
+
+def first_misfit(validator: Draft202012Validator, content: Any) -> str | None:
+    """Return where, and how, content first breaks a schema; None: it does not."""
+    error = next(iter(validator.iter_errors(content)), None)
+    if error is None:
+        return None
+    return "".join(f" at {key!r}" for key in error.path) + f": {shortened(error.message, MAX_SHOWN)}"

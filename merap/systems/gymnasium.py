@@ -1,6 +1,6 @@
 """Manage a Gymnasium environment whose observations are whole numbers.
 
-An environment is somebody else's program: it may raise anything, warn, and answer what it has not declared.
+An environment is somebody else's program: it may raise anything, warn, and give undeclared answers.
 That is an input error while it is made and a fault of the system (`SystemFault`) from then on.
 
 Axes: A actions, V state variables.
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from merap.errors import InputError, MerapError
+from merap.errors import InputError, MerapError, shortened
 from merap.masking import masked, secrets_in
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_env import MDPEnv
@@ -46,13 +46,13 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
     number of their observation, named by the key of a `Dict`. Terminated is a
     completed task, whose variables are -1; truncated is truncated.
 
-    What the environment warns of is logged, each message once.
+    Warnings of the environment are logged, each message once.
 
     Args:
         env: an environment, or the id of one.
-        seed: of its first reset, which determines all that follows.
+        seed: seed of its first reset, which determines all that follows.
         masked: whether `info["action_mask"]`, if it is there, tells what is enabled; else all actions are.
-        arguments: of `gymnasium.make`, if it is an id.
+        arguments: arguments of `gymnasium.make`, if it is an id.
 
     Raises:
         InputError: there is no such environment, it can't be made, or its observations or actions are no
@@ -112,7 +112,7 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
         """Begin an episode.
 
         Raises:
-            SystemFault: the environment fails, or answers what it has not declared; it can be reset again.
+            SystemFault: the environment fails, or gives an undeclared answer; it can be reset again.
         """
         self._over = True
         with self._foreign(lambda reason: self._fault("failed", "reset", reason)):
@@ -129,7 +129,7 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
 
         Raises:
             InputError: the action is not enabled, or the episode is over.
-            SystemFault: the environment fails, or answers what it has not declared. It may have acted, so
+            SystemFault: the environment fails, or gives an undeclared answer. It may have acted, so
                 the action is not to be taken again.
         """
         if self._over:
@@ -196,10 +196,10 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
             self._warn(str(warning.message))
 
     def _reason(self, error: BaseException) -> str:
-        """Return in one line why something failed, in our words where we have found it out."""
+        """Return in one line why something failed, in our words where the check is ours."""
         lines = [str(error)] if type(error) is ValueError else traceback.format_exception_only(error)
         text = masked(" ".join("".join(lines).split()), self._secrets)
-        return text if len(text) <= MAX_REASON else f"{text[:MAX_REASON]} ..."
+        return shortened(text, MAX_REASON)
 
     def _warn(self, message: str) -> None:
         shown = masked(" ".join(_COLOUR.sub("", message).split()), self._secrets)
@@ -236,7 +236,7 @@ class _View:
         actions: A names.
         first_action: the environment's number of the first.
         variables: V state variables.
-        valuation: of an observation, int64 [V].
+        valuation: valuation of an observation, int64 [V].
     """
 
     actions: tuple[str, ...]

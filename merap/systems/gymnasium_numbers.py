@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from merap.errors import InputError
+from merap.errors import InputError, shortened
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_spaces import gymnasium
 from merap.mdp.model import Ints
@@ -19,12 +19,14 @@ from merap.systems.description import MAX_NAMES, ShownVariable
 
 spaces = gymnasium.spaces
 
+MAX_SHOWN = 80
+
 
 def variables_of(space: gymnasium.Space[Any], env: str) -> tuple[ShownVariable, ...]:
     """Return a variable for each number of a space, in the order of `numbers_of`.
 
     Args:
-        space: of observations.
+        space: space of observations.
         env: the environment's name, for errors.
 
     Raises:
@@ -124,5 +126,4 @@ def _bounds(space: gymnasium.Space[Any], env: str) -> tuple[Ints, Ints]:
 
 
 def _shown(seen: Any) -> str:
-    text = " ".join(repr(seen).split())
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return shortened(" ".join(repr(seen).split()), MAX_SHOWN)

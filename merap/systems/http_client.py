@@ -22,14 +22,14 @@ from jsonschema.exceptions import SchemaError
 from referencing import Registry
 from referencing.exceptions import Unresolvable
 
-from merap.errors import InputError
+from merap.errors import InputError, shortened
 from merap.masking import SplitUrl, masked, masked_url, secrets_in, split_url
+from merap.systems.dialect import MAX_SHOWN, first_misfit
 from merap.systems.interface import FaultKind, SystemFault
 
 Result = TypeVar("Result")
 
 MAX_ANSWER = 16 * 1024 * 1024
-MAX_SHOWN = 200
 MAX_PORT = 65_535
 # What httpx raises, the first that fits.
 _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
@@ -68,7 +68,7 @@ class _SecretTransport(httpx.AsyncHTTPTransport):
     """Adds credentials and query to a request on its way: nothing that shows or logs it has them.
 
     Args:
-        parts: of the system's URL.
+        parts: parts of the system's URL.
     """
 
     def __init__(self, parts: SplitUrl) -> None:
@@ -198,14 +198,11 @@ class UpisasClient(AbstractContextManager["UpisasClient"]):
             raise self.fault("malformed", request, f"expected an object, got {_shown(content)}")
         validator = self._validator(schema)
         try:
-            error = next(iter(validator.iter_errors(content)), None)
+            misfit = first_misfit(validator, content)
         except (Unresolvable, RecursionError) as unusable:
             raise self.fault("malformed", f"GET /{schema}", f"an unusable schema: {unusable}") from unusable
-        if error is not None:
-            place = "".join(f" at {key!r}" for key in error.path)
-            raise self.fault(
-                "malformed", request, f"not as {schema} says{place}: {error.message[:MAX_SHOWN]}"
-            )
+        if misfit is not None:
+            raise self.fault("malformed", request, f"not as {schema} says{misfit}")
         return content
 
     def _json(self, method: str, endpoint: str, content: Any) -> Any:
@@ -294,5 +291,4 @@ def _no_number(text: str) -> object:
 
 
 def _shown(content: Any) -> str:
-    text = repr(content)
-    return text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + " ..."
+    return shortened(repr(content), MAX_SHOWN)

@@ -26,8 +26,8 @@ class HttpSystem(AbstractContextManager["HttpSystem"]):
     is not repeatable where the system may have acted without an answer.
 
     Args:
-        client: of its endpoints.
-        dialect: what its JSON means.
+        client: speaks to its endpoints.
+        dialect: the meaning of its JSON.
     """
 
     def __init__(self, client: UpisasClient, dialect: Dialect) -> None:
@@ -43,7 +43,7 @@ class HttpSystem(AbstractContextManager["HttpSystem"]):
         self.close()
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._client.close()
 
     @property

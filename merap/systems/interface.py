@@ -1,4 +1,4 @@
-"""Define what a managed system lets its manager see and do, and how it may fail.
+"""Define the interface of a managed system: observations, actions and faults.
 
 Axes: A declared actions, V state variables.
 """
@@ -25,7 +25,7 @@ class SystemFault(MerapError):  # noqa: N818 (what happens to a system is a faul
 
     Args:
         kind: see `FaultKind`.
-        message: what happened, and with what.
+        message: the event and its place.
         repeatable: the same call may be made again and does not act twice.
     """
 

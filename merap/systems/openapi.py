@@ -14,7 +14,7 @@ from merap.systems.description import (
 
 ERROR_SCHEMA: Json = {
     "type": "object",
-    "properties": {"error": {"type": "string", "description": "one line: what is wrong, what is allowed"}},
+    "properties": {"error": {"type": "string", "description": "one line: the fault, and what is allowed"}},
     "required": ["error"],
 }
 _A_SCHEMA: Json = {"type": "object", "description": "a JSON Schema, draft 2020-12"}
@@ -23,7 +23,7 @@ _A_SCHEMA: Json = {"type": "object", "description": "a JSON Schema, draft 2020-1
 def openapi(interface: Interface) -> Json:
     """Build the description in OpenAPI 3.1, whose schemas are JSON Schema."""
     change = execute_schema(interface)
-    executed = _answer("what was done", change)
+    executed = _answer("the executed change", change)
     for status, why in (
         (HTTPStatus.BAD_REQUEST, "the body is not as asked"),
         (HTTPStatus.CONFLICT, "not possible now, or decided at other counters; nothing has happened"),
@@ -36,7 +36,7 @@ def openapi(interface: Interface) -> Json:
         "openapi": "3.1.0",
         "info": {"title": f"{interface.system}, a managed system", "version": "1"},
         "paths": {
-            "/monitor": _get("what is seen now", monitor_schema(interface)),
+            "/monitor": _get("the observation now", monitor_schema(interface)),
             "/monitor_schema": _get("the schema of /monitor", _A_SCHEMA),
             "/adaptation_options": _get("all that can be done", adaptation_options_schema(interface)),
             "/adaptation_options_schema": _get("the schema of /adaptation_options", _A_SCHEMA),

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from merap.errors import InputError
+from merap.errors import InputError, listed
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.systems.interface import ManagedSystem, Observation
 
@@ -21,11 +21,11 @@ class RenumberedSystem:
     """Numbers actions and variables as its manager does.
 
     Args:
-        system: what is managed.
+        system: the managed system.
         shown: names of its variables, in the order of its valuations.
         actions: A names, in the order of the manager.
         variables: V names, in the order of the manager.
-        constant: of these, a variable that the system need not have: it is 0 until the task is complete.
+        constant: one of these, a variable that the system need not have: it is 0 until the task is complete.
 
     Raises:
         InputError: the system has other actions or variables.
@@ -43,7 +43,9 @@ class RenumberedSystem:
         known = [name for name in variables if name != constant or constant in shown]
         for kind, wanted, found in (("actions", actions, system.actions), ("variables", known, shown)):
             if sorted(wanted) != sorted(found):
-                raise InputError(f"it has the {kind} {_listed(found)}; expected {_listed(wanted)}")
+                raise InputError(
+                    f"it has the {kind} {listed(found, MAX_LISTED)}; expected {listed(wanted, MAX_LISTED)}"
+                )
         self._system = system
         self._actions = tuple(actions)
         self._theirs = np.array([system.actions.index(name) for name in actions])
@@ -74,8 +76,3 @@ class RenumberedSystem:
             enabled=observation.enabled[self._theirs],
             taken=None if taken is None else int(np.flatnonzero(self._theirs == taken)[0]),
         )
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - MAX_LISTED
-    return ", ".join(names[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

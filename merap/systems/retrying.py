@@ -55,7 +55,7 @@ class RetryingSystem(AbstractContextManager["RetryingSystem"]):
     there is none, or the action stays late, the fault is raised, and the system can be reset.
 
     Args:
-        system: what is managed.
+        system: the managed system.
         deadline: seconds for a call; None: as long as it takes.
         retries: after faults.
         fallback: name of a safe action; None: there is none.

@@ -27,7 +27,7 @@ class ReturnPolicy:
 
     Attributes:
         location: where it leads.
-        choice: int64 [P * Q], what is taken in each state; -1 where it can't lead there.
+        choice: int64 [P * Q], the choice taken in each state; -1 where it can't lead there.
     """
 
     location: int

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jsonschema import Draft202012Validator
 
-from merap.errors import InputError, MerapError
+from merap.errors import InputError, MerapError, shortened
 from merap.systems.description import Interface, Json, execute_schema, require_declared
 from merap.systems.interface import ManagedSystem, Observation
 
@@ -28,8 +28,8 @@ class RefusedRequestError(MerapError):
     """Raised for a request that is not carried out.
 
     Args:
-        status: of HTTP: BAD_REQUEST if it never can be, CONFLICT if it can't be now.
-        message: why not, and what can.
+        status: status of HTTP: BAD_REQUEST if it never can be, CONFLICT if it can't be now.
+        message: why not, and which requests can.
     """
 
     def __init__(self, status: HTTPStatus, message: str) -> None:
@@ -59,8 +59,7 @@ def _check_pace(pace: Pace, actions: tuple[str, ...]) -> None:
 
 
 def _bad_request(message: str) -> RefusedRequestError:
-    shown = message if len(message) <= MAX_MESSAGE else message[:MAX_MESSAGE] + " ..."
-    return RefusedRequestError(HTTPStatus.BAD_REQUEST, shown)
+    return RefusedRequestError(HTTPStatus.BAD_REQUEST, shortened(message, MAX_MESSAGE))
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class ServedSystem:
     A request that carries the counters at which it was decided is carried out once, however often it is sent.
 
     Args:
-        system: what is managed.
+        system: the managed system.
         interface: how it is shown.
         pace: None: it waits. Where the fallback is not enabled, and when the episode is over, it waits too.
         clock: seconds, never going back.
@@ -113,7 +112,7 @@ class ServedSystem:
         self._reset()
 
     def monitor(self) -> Json:
-        """Show what is seen now; see `description.monitor_schema`."""
+        """Show the observation now; see `description.monitor_schema`."""
         self._catch_up()
         seen = self._seen
         names = (variable.name for variable in self.interface.variables)
@@ -133,7 +132,7 @@ class ServedSystem:
         """Take an action or begin an episode; see `description.execute_schema`.
 
         Returns:
-            What has been done, with the counters after it.
+            The change, with the counters after it.
 
         Raises:
             RefusedRequestError: the request is malformed or not possible now; nothing has happened.

@@ -16,8 +16,8 @@ from jsonschema import Draft202012Validator
 
 from merap.errors import InputError
 from merap.systems.description import Interface, Json, monitor_schema, read_interface
-from merap.systems.dialect import MonitoredState
-from merap.systems.http_client import MAX_SHOWN, UpisasClient
+from merap.systems.dialect import MonitoredState, first_misfit
+from merap.systems.http_client import UpisasClient
 from merap.systems.http_system import HttpSystem
 from merap.systems.interface import Observation, SystemFault
 
@@ -27,7 +27,7 @@ class ServedDialect:
     """The JSON of `merap serve`.
 
     Attributes:
-        interface: what is served, in the order of the manager.
+        interface: the served actions and variables, in the order of the manager.
     """
 
     interface: Interface
@@ -47,10 +47,9 @@ class ServedDialect:
         Raises:
             ValueError: it is something else, whatever the schema allows that was served.
         """
-        error = next(iter(self._validator.iter_errors(monitored)), None)
-        if error is not None:
-            place = "".join(f" at {key!r}" for key in error.path)
-            raise ValueError(f"not as `merap serve` answers{place}: {error.message[:MAX_SHOWN]}")
+        misfit = first_misfit(self._validator, monitored)
+        if misfit is not None:
+            raise ValueError(f"not as `merap serve` answers{misfit}")
         if not math.isfinite(monitored["reward"]):
             raise ValueError(f"a reward of {monitored['reward']}")
         values = [monitored["valuation"][variable.name] for variable in self.interface.variables]
@@ -82,8 +81,8 @@ class RemoteSystem(HttpSystem):
     """A system that `merap serve` offers; see `open_served`.
 
     Args:
-        client: of its endpoints.
-        interface: what it shows, in the order of the manager.
+        client: speaks to its endpoints.
+        interface: its actions and variables, in the order of the manager.
     """
 
     def __init__(self, client: UpisasClient, interface: Interface) -> None:

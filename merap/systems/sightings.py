@@ -1,4 +1,4 @@
-"""What a manager gets to know of an episode: whole transitions, and states seen after a gap.
+"""Define a manager's news of an episode: whole transitions, and states seen after a gap.
 
 Axes: S states of the canonical index (the completed state is the last).
 """

@@ -32,7 +32,7 @@ class SimulatedSystem:
     Args:
         model: on the canonical index of its case, or a combination.
         horizon: steps of an episode.
-        generator: of every draw.
+        generator: draws everything.
         slip: probability that an action does nothing, see `systems.slip`.
         noise: standard deviation of the Gaussian noise on rewards.
         detect: whether the case's detectors are read after every reset and step.

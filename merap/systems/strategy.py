@@ -1,6 +1,6 @@
 """Define the interface that all strategies share.
 
-A strategy sees the system through what `ManagedSystem.reset` and `step` return, and nothing else.
+A strategy sees the system through the observations of `ManagedSystem.reset` and `step`, and nothing else.
 
 Axes: T steps of an episode, S states of the canonical index (the completed state is the last),
 A declared actions, V state variables.
@@ -24,7 +24,7 @@ class Strategy(Protocol):
     """Acts, learns from what it sees, and says what it would do if it learned no more.
 
     The order of calls: `begin`, then `act` and `observe` until the episode is over, with another `begin`
-    after each gap in what is seen, and `update` after every `episodes_per_update` episodes.
+    after each gap in the observations, and `update` after every `episodes_per_update` episodes.
     """
 
     @property
@@ -48,10 +48,10 @@ class Strategy(Protocol):
         """
 
     def observe(self, action: int, observation: Observation) -> None:
-        """Learn what a step has led to; `observation.last` if the episode is over."""
+        """Learn from the outcome of a step; `observation.last` if the episode is over."""
 
     def update(self) -> None:
-        """Change the policy by what has been seen."""
+        """Change the policy by the observations so far."""
 
     def policy(self) -> Floats:
         """Return the policy that would act if learning stopped now, float64 [S, A] or, by time, [T, S, A].
@@ -61,7 +61,7 @@ class Strategy(Protocol):
         """
 
     def explain(self) -> tuple[str, ...]:
-        """Tell in plain lines what the last update has concluded, and why the policy is what it is."""
+        """Tell in plain lines the conclusions of the last update, and why the policy is what it is."""
 
 
 @runtime_checkable
@@ -69,7 +69,7 @@ class Revisable(Protocol):
     """A strategy that remembers what it has seen of the domain, beside the policy."""
 
     def revise(self) -> None:
-        """Doubt what was seen of a domain that has changed, and keep what the policy has become."""
+        """Doubt the observations of a domain that has changed, and keep what the policy has become."""
 
 
 class StateIndex:

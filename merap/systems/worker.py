@@ -22,7 +22,7 @@ class Worker(AbstractContextManager["Worker"]):
     call has begun is passed over.
 
     Args:
-        name: of the thread.
+        name: name of the thread.
     """
 
     def __init__(self, name: str) -> None:
@@ -51,7 +51,7 @@ class Worker(AbstractContextManager["Worker"]):
         self.close()
 
     def close(self) -> None:
-        """Cancel what has not begun, and end the thread; one that hangs is left to itself."""
+        """Cancel calls that have not begun, and end the thread; one that hangs is left to itself."""
         self._closed = True
         if self._thread is None:
             return

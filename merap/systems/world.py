@@ -26,8 +26,8 @@ class World:
 
     Attributes:
         model: whose states are those of the simulation.
-        simulator: of the model.
-        valuations: int64 [S, V], what is seen in each state.
+        simulator: simulator of the model.
+        valuations: int64 [S, V], the valuation seen in each state.
         canonical: int64 [S], its number on the canonical index of the case.
     """
 
@@ -80,7 +80,7 @@ def located_world(combination: Combination, slip: float) -> LocatedWorld:
     """Simulate a combination by its definition: rewards are those of each single step, not expected ones.
 
     Args:
-        combination: what is there.
+        combination: the true one.
         slip: the probability that an action does nothing.
 
     Raises:

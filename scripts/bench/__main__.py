@@ -20,8 +20,9 @@ from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
 from scripts.bench import belief, learning, online, program, shield, trigger
-from scripts.bench.learning import Json, median, report
+from scripts.bench.learning import median, report
 from scripts.bench.program import GRID, export_mapped
+from scripts.bench.tables import Json
 
 ROOT = Path(__file__).parents[2]
 EPISODES_PER_STEP = (35, 10, 5)
@@ -39,12 +40,12 @@ app.command()(program.program)
 
 @app.callback()
 def bench() -> None:
-    """Timings in seconds; ratios are what to quote."""
+    """Measure in seconds; quote the ratios."""
 
 
 @app.command()
 def export(json_file: Json = None, size: int = 300, repeats: int = 5) -> None:
-    """Storm's model as arrays: UMB mapped into memory against iterating rows, and against building."""
+    """Time Storm's model as arrays: UMB mapped into memory against iterating rows, and against building."""
     text = GRID.format(size=size)
     model = build_text(text, "grid")
     mdp = model.mdp()
@@ -71,7 +72,7 @@ def adaptation(
     training_seeds: int = 5,
     seeds: int = 20,
 ) -> None:
-    """Gradient adaptation to what a case meets: seconds of training, steps until within 5 percent."""
+    """Time training, and count gradient steps until an online system is within 5 percent."""
     study = load_case(case)
     figures: dict[str, float] = {}
     rows: dict[int, list[list[int | None]]] = {episodes: [] for episodes in EPISODES_PER_STEP}
@@ -104,7 +105,7 @@ def adaptation(
 
 
 def _iterate(model: StormModel) -> tuple[list[int], list[float]]:
-    """The obvious way: every transition as a Python object."""
+    """Export the obvious way: every transition as a Python object."""
     targets, probabilities = [], []
     for state in model.model.states:
         for action in state.actions:

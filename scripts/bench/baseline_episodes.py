@@ -54,12 +54,12 @@ class Steps:
     mean_return: float
 
     def mean(self, values: Tensor) -> Tensor:
-        """[N], the mean over the steps that were taken."""
+        """Return [N], the mean over the steps that were taken."""
         return (values * self.weight).sum(dim=1) / self.weight.sum(dim=1)
 
 
 def make_world(models: Sequence[TabularMDP], horizon: int, episodes: int) -> World:
-    """An environment for every episode of an update, whichever tasks it draws."""
+    """Make an environment for every episode of an update, whichever tasks it draws."""
     envs = [[MDPEnv(model, horizon) for _ in range(episodes)] for model in models]
     acting = models[0].enabled[:, :-1]
     if not (acting.all(axis=1) | ~acting.any(axis=1)).all():
@@ -68,12 +68,12 @@ def make_world(models: Sequence[TabularMDP], horizon: int, episodes: int) -> Wor
 
 
 def initial_policy(world: World, generator: torch.Generator) -> Parameters:
-    """The network of merap's learner: one-hot state, 32, 32, A."""
+    """Make the network of merap's learner: one-hot state, 32, 32, A."""
     return initial_parameters(PolicyNetwork(world.num_states, world.num_actions), generator)
 
 
 def _logits(parameters: Parameters, state: Tensor) -> Tensor:
-    """[N, M, A] of parameters [N, ...] and states [N, M]; a one-hot state takes a row of the weight."""
+    """Return [N, M, A] of parameters [N, ...] and states [N, M]; a one-hot state takes one row of weights."""
     weight = parameters["layer0.weight"]
     num_tasks, num_states, _ = weight.shape
     row = state + torch.arange(num_tasks).unsqueeze(1) * num_states
@@ -92,7 +92,7 @@ def _bias(parameters: Parameters, layer: int) -> Tensor:
 def sample(
     envs: SyncVectorEnv, policy: Parameters, world: World, settings: Settings, generator: torch.Generator
 ) -> Steps:
-    """An episode in every environment, with its advantages."""
+    """Sample an episode in every environment, with its advantages."""
     num_tasks, num_envs = policy["layer0.bias"].shape[0], envs.num_envs
     shape = (num_envs, world.horizon)
     state, action = torch.zeros(shape, dtype=torch.int64), torch.zeros(shape, dtype=torch.int64)
@@ -126,7 +126,7 @@ def sample(
 def advantages(
     observation: Tensor, reward: Tensor, weight: Tensor, num_tasks: int, settings: Settings
 ) -> Tensor:
-    """[N, M], return-to-go minus a ridge regression on observation, t, t^2, t^3, 1; normalised.
+    """Return [N, M], return-to-go minus a ridge regression on observation, t, t^2, t^3, 1; normalised.
 
     In double precision: the ridge is too small for single.
     """
@@ -152,7 +152,7 @@ def advantages(
 
 
 def log_probs(parameters: Parameters, steps: Steps) -> tuple[Tensor, Tensor]:
-    """Log-probabilities of all actions [N, M, A], and of those taken [N, M]."""
+    """Return log-probabilities of all actions [N, M, A], and of those taken [N, M]."""
     every = torch.log_softmax(_logits(parameters, steps.state), dim=-1)
     return every, every.gather(-1, steps.action.unsqueeze(-1)).squeeze(-1)
 

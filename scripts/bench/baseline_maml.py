@@ -67,7 +67,7 @@ class Times:
 def baseline_update(
     world: World, theta: Parameters, settings: Settings, generator: torch.Generator
 ) -> tuple[Parameters, Times, float]:
-    """One outer update of Algorithm 1.
+    """Take one outer step of Algorithm 1.
 
     Returns:
         The new theta, the times, and the mean undiscounted return of the adapted policies.
@@ -92,7 +92,7 @@ def baseline_update(
 
 
 def _adapt(theta: Parameters, support: Steps, settings: Settings) -> Parameters:
-    """theta'_i [N, ...], differentiable in theta (`eq:adap`)."""
+    """Return theta'_i [N, ...], differentiable in theta (`eq:adap`)."""
     num_tasks = len(support.action)
     copies = {name: value.expand(num_tasks, *value.shape) for name, value in theta.items()}
     _, taken = log_probs(copies, support)
@@ -107,13 +107,13 @@ def _adapt(theta: Parameters, support: Steps, settings: Settings) -> Parameters:
 def _trust_region_step(
     theta: Parameters, adapted: Parameters, support: Steps, query: Steps, settings: Settings
 ) -> Parameters:
-    """TRPO through the inner step (Schulman et al. 2015; `eq:meta-opt`)."""
+    """Take a step of TRPO through the inner step (Schulman et al. 2015; `eq:meta-opt`)."""
     with torch.no_grad():
         old, old_taken = log_probs(adapted, query)
     old_probs = old.exp()
 
     def surrogate(candidate: Parameters) -> tuple[Tensor, Tensor]:
-        """The outer loss, and the KL divergence from the adapted policies that sampled."""
+        """Return the outer loss, and the KL divergence from the adapted policies that sampled."""
         every, taken = log_probs(_adapt(candidate, support, settings), query)
         loss = -query.mean((taken - old_taken).exp() * query.advantage).mean()
         return loss, query.mean((old_probs * (old - every)).sum(dim=-1)).mean()

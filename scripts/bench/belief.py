@@ -7,7 +7,6 @@ Regret is the optimum minus what those returned, with exploration, noise and luc
 
 from __future__ import annotations
 
-import json
 import math
 import statistics
 import tempfile
@@ -19,29 +18,26 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import load_case
 from scripts.bench.belief_quality import BeliefProblem, belief_problem, drawn_figures
 from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
+from scripts.bench.tables import Json, show, table, write_figures
 
 MODELS = Path(__file__).parents[2] / "models"
 # 10,626 environments of the paper's kind: any 4 of 24 cells are blocked.
 LARGE = ("paper-grid/rq1-4.yaml", "{rows: [0, 6], cols: [1, 2]}", "{rows: [0, 7], cols: [1, 3]}")
-WIDTH = 120
 
 T = TypeVar("T")
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
-Json = Annotated[Path | None, typer.Option("--json", help="Write all rows.")]
 Names = Annotated[list[str] | None, typer.Option("--condition", help="none, noise, slip or both; all.")]
 
 
 @app.callback()
 def bench() -> None:
-    """How soon `belief` is within 5 percent, and how long it thinks."""
+    """Measure how soon `belief` is within 5 percent, and how long it thinks."""
 
 
 @app.command()
@@ -53,25 +49,24 @@ def drawn(
     max_episodes: int = 60,
     worst: int = 10,
 ) -> None:
-    """Grids, goals and faults drawn at random, each met once; shows the worst."""
+    """Adapt to grids, goals and faults drawn at random, once to each; show the worst."""
     numbers = range(first, first + count)
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         for chosen in chosen_conditions(condition):
             found = drawn_figures(numbers, chosen, Lengths(most=max_episodes), Path(folder))
             rows.extend(track(found, chosen.name, total=count))
-    columns = {name: name for name in ("condition", "outside", "cases", "median", "p95", "most", "never")}
-    _report("drawn", _grouped(rows), columns, None)
+    columns = ("condition", "outside", "cases", "median", "p95", "most", "never")
+    _report("drawn", _grouped(rows), columns)
     slowest = sorted(rows, key=lambda row: -_number(row["episodes"]))[:worst]
     shown = ("case", "condition", "outside", "locations", "models", "optimum", "final", "episodes", "regret")
-    _report("the worst", slowest, {name: name for name in shown}, None)
-    if json_file is not None:
-        json_file.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    _report("the worst", slowest, shown)
+    write_figures(json_file, rows)
 
 
 @app.command()
 def speed(json_file: Json = None, episodes: int = 5) -> None:
-    """Seconds of a belief over 10,626 environments, the longest of each kind of call."""
+    """Time a belief over 10,626 environments, the longest of each kind of call."""
     name, small, large = LARGE
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.yaml"
@@ -83,11 +78,12 @@ def speed(json_file: Json = None, episodes: int = 5) -> None:
         {"call": call, "longest": max(each), "mean": statistics.mean(each), "calls": len(each)}
         for call, each in seconds.items()
     ]
-    _report("seconds", rows, {name: name for name in ("call", "longest", "mean", "calls")}, json_file)
+    _report("seconds", rows, ("call", "longest", "mean", "calls"))
+    write_figures(json_file, rows)
 
 
 def _timed(problem: BeliefProblem, episodes: int) -> dict[str, list[float]]:
-    """Seconds of every call of the strategy."""
+    """Return the seconds of every call of the strategy."""
     of_system, of_strategy = np.random.default_rng(0).spawn(2)
     system = problem.simulated(of_system)
     seconds: dict[str, list[float]] = {}
@@ -113,7 +109,7 @@ def _timed(problem: BeliefProblem, episodes: int) -> dict[str, list[float]]:
 
 
 def chosen_conditions(names: Sequence[str] | None) -> list[NoiseCondition]:
-    """The conditions of these names; all of them if None."""
+    """Return the conditions of these names; all of them if None."""
     known = {condition.name: condition for condition in CONDITIONS}
     wrong = [name for name in names or () if name not in known]
     if wrong:
@@ -122,7 +118,7 @@ def chosen_conditions(names: Sequence[str] | None) -> list[NoiseCondition]:
 
 
 def _grouped(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A row for each condition and for each set of concerns that lie outside the base."""
+    """Build a row for each condition and for each set of concerns that lie outside the base."""
     groups: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         for outside in (row["outside"] or "nothing", "any"):
@@ -145,23 +141,8 @@ def _number(episodes: int | None) -> float:
     return math.inf if episodes is None else episodes
 
 
-def _report(
-    title: str, rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str], json_file: Path | None
-) -> None:
-    table = Table(*columns.values(), title=title)
-    for row in rows:
-        table.add_row(*(_shown(row[name]) for name in columns))
-    console = Console()
-    console.width = max(console.width, WIDTH)
-    console.print(table)
-    if json_file is not None:
-        json_file.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-
-
-def _shown(value: object) -> str:
-    if value is None or value == math.inf:
-        return "never"
-    return f"{value:.3g}" if isinstance(value, float) else f"{value}"
+def _report(title: str, rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    show(table(title, rows, {name: name for name in columns}))
 
 
 if __name__ == "__main__":

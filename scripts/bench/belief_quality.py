@@ -64,7 +64,7 @@ def followed_belief(problem: BeliefProblem, seed: int, lengths: Lengths) -> tupl
 def drawn_figures(
     numbers: Sequence[int], condition: NoiseCondition, lengths: Lengths, folder: Path
 ) -> Iterator[dict[str, Any]]:
-    """A row for each drawn case, met once.
+    """Adapt once to the online system of each drawn case; yield a row for each.
 
     Args:
         numbers: of the cases.

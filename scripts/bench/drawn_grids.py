@@ -58,7 +58,7 @@ online:
 
 
 def drawn_case(number: int, folder: Path) -> CaseStudy:
-    """The case with that number; its file is written into a folder that exists.
+    """Return the case with that number; its file is written into a folder that exists.
 
     Args:
         number: the seed of everything that is drawn.
@@ -70,7 +70,7 @@ def drawn_case(number: int, folder: Path) -> CaseStudy:
 
 
 def drawn_text(number: int) -> str:
-    """The text of the case with that number: drawn until its goals can be reached in time."""
+    """Return the text of the case with that number: drawn until its goals can be reached in time."""
     generator = np.random.default_rng(number)
     size = int(generator.choice(SIZES))
     while True:
@@ -112,7 +112,7 @@ class _Draw:
         return all(worst[goal] <= self.horizon - 1 for goal in self.goals)
 
     def text(self, number: int) -> str:
-        """As a case file."""
+        """Return it as a case file."""
         return TEXT.format(
             number=number,
             size=self.size,
@@ -133,7 +133,7 @@ def _listed(cells: Iterable[Cell]) -> list[list[int]]:
 
 
 def _distances(size: int, start: Cell, closed: set[Cell]) -> Floats:
-    """float64 [size, size], steps from the start; infinite where there is no way."""
+    """Return float64 [size, size], steps from the start; infinite where there is no way."""
     is_open = np.ones((size, size), dtype=np.bool_)
     for cell in closed:
         is_open[cell] = False

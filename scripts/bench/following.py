@@ -61,7 +61,7 @@ def followed(
     horizon: int,
     lengths: Lengths,
 ) -> Run:
-    """One adaptation; `strategy` is afterwards as it was left.
+    """Run one adaptation; `strategy` is afterwards as it was left.
 
     Args:
         seed: of its episodes, as a name.
@@ -82,7 +82,7 @@ def followed(
 
 
 def outside_of(case: CaseStudy) -> str:
-    """The concerns in which what is met is not in the base: of `E`, `C` and `O`."""
+    """Return the concerns, of `E`, `C` and `O`, in which an online system is not in the base."""
     system, supports = case.system("met"), case.supports
     pairs = (
         ("E", supports.environment, system.environment),

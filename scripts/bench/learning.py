@@ -1,8 +1,7 @@
-"""What learning costs and what it is worth: scripts.bench learning, growth."""
+"""Measure the cost and the quality of learning: scripts.bench learning, growth."""
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import resource
 import statistics
@@ -16,8 +15,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from merap.concerns.case_study import load_case
 from merap.families.build import build_base
@@ -31,8 +28,8 @@ from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack
 from merap.learning.tasks import TaskBatch, branch_batch, task_batch
 from merap.learning.training import initial_state, meta_policy, policy_network, updates
 from scripts.bench import baseline_episodes, baseline_maml
+from scripts.bench.tables import Json, figures_by_name, show, write_figures
 
-Json = Annotated[Path | None, typer.Option("--json", help="Write the figures by name.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the growth (PNG, SVG, ...).")]
 
 FOR_EVER = 1_000_000_000
@@ -46,7 +43,7 @@ def learning(
     rounds: Annotated[int, typer.Option(help="Updates of the baseline.")] = 30,
     training_seeds: Annotated[int, typer.Option(help="Trainings for the comparison of quality.")] = 5,
 ) -> None:
-    """Updates against a baseline on SyncVectorEnv, side by side, and time to equal adaptation quality."""
+    """Time updates against a baseline on SyncVectorEnv, side by side; time to equal adaptation quality."""
     base = build_base(load_case(baseline_maml.CASE))
     tasks = task_batch(base.models, base.horizon, base.discount)
     world = baseline_episodes.make_world(base.models, base.horizon, baseline_episodes.Settings().episodes)
@@ -55,7 +52,7 @@ def learning(
 
 
 def _speed(world: baseline_episodes.World, tasks: TaskBatch, rounds: int) -> Figures:
-    """Medians of updates that take turns."""
+    """Return medians of updates that take turns."""
     settings, generator = baseline_episodes.Settings(), torch.Generator().manual_seed(0)
     theta = baseline_episodes.initial_policy(world, generator)
     exact = _endless(tasks, TrainingConfig(updates=FOR_EVER))
@@ -80,13 +77,13 @@ def _speed(world: baseline_episodes.World, tasks: TaskBatch, rounds: int) -> Fig
 
 
 def _endless(tasks: TaskBatch, config: TrainingConfig) -> Iterator[float]:
-    """Seconds of one update after the other."""
+    """Yield the seconds of one update after the other."""
     state = initial_state(policy_network(tasks, config), config)
     return (metrics.seconds for metrics in updates(tasks, config, state))
 
 
 def _quality(world: baseline_episodes.World, tasks: TaskBatch, rounds: int, seeds: int) -> Figures:
-    """Seconds until a policy adapts as well as that of the baseline after its updates, in one process.
+    """Time training until a policy adapts as well as the baseline's after its updates, in one process.
 
     Adaptation quality is the mean expected undiscounted return over all tasks after three plain gradient
     steps of 35 episodes, the same for every learner.
@@ -115,7 +112,7 @@ def _quality(world: baseline_episodes.World, tasks: TaskBatch, rounds: int, seed
 
 
 def _seconds_to(goal: float, tasks: TaskBatch, seed: int, estimator: str) -> float:
-    """Training time alone until the policy adapts at least that well; infinite if it never does."""
+    """Return training time alone until the policy adapts at least that well; infinite if it never does."""
     config = TrainingConfig.model_validate({"seed": seed, "estimator": estimator, "updates": 200})
     state, spent = initial_state(policy_network(tasks, config), config), 0.0
     for metrics in updates(tasks, config, state):
@@ -126,7 +123,7 @@ def _seconds_to(goal: float, tasks: TaskBatch, seed: int, estimator: str) -> flo
 
 
 def _plain(tasks: TaskBatch, theta: Parameters) -> MetaPolicy:
-    """The baseline's policy with its own step size and rule."""
+    """Return the baseline's policy with its own step size and rule."""
     config = TrainingConfig(estimator="sampled")
     network = PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation)
     sizes = {name: torch.full((1,) * value.dim(), config.step_size) for name, value in theta.items()}
@@ -135,7 +132,7 @@ def _plain(tasks: TaskBatch, theta: Parameters) -> MetaPolicy:
 
 
 def _adapted_return(meta: MetaPolicy, tasks: TaskBatch) -> float:
-    """Mean over all tasks and 5 seeds."""
+    """Return the mean over all tasks and 5 seeds."""
     undiscounted, returns = replace(tasks, discount=1.0), []
     for seed in range(5):
         generator = torch.Generator().manual_seed(1_000 + seed)
@@ -152,7 +149,7 @@ def _adapted_return(meta: MetaPolicy, tasks: TaskBatch) -> float:
 
 
 def growth(json_file: Json = None, plot: Plot = None, repeats: int = 5) -> None:
-    """An exact update on grids of 10^2 to 10^5 states, all of them start states; memory at the largest."""
+    """Time an exact update on grids of 10^2 to 10^5 states, all of them start states; memory at most."""
     seconds, branches = [], []
     for side in SIDES:
         tasks = _grid(side, GROWTH_TASKS)
@@ -176,7 +173,7 @@ def _update_seconds(tasks: TaskBatch, repeats: int) -> float:
 
 
 def _grid(side: int, num_tasks: int) -> TaskBatch:
-    """Square grids with five actions and a goal each, and one completed state."""
+    """Build square grids with five actions and a goal each, and one completed state."""
     cells, done = np.arange(side * side), side * side
     row, col = cells // side, cells % side
     moves = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
@@ -204,7 +201,7 @@ def _grid(side: int, num_tasks: int) -> TaskBatch:
 
 
 def _gigabytes() -> float:
-    """Peak memory of a process of its own that makes two updates of 16 tasks with 10^5 states."""
+    """Return peak memory of a process of its own that makes two updates of 16 tasks with 10^5 states."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(_peak)
 
@@ -225,7 +222,7 @@ def _draw(branches: list[int], seconds: list[float], path: Path) -> None:
 
 
 def median(run: Callable[[], object], repeats: int) -> float:
-    """Seconds."""
+    """Return the median of the seconds of some calls."""
     seconds = []
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -235,10 +232,6 @@ def median(run: Callable[[], object], repeats: int) -> float:
 
 
 def report(title: str, figures: Figures, json_file: Path | None) -> None:
-    """A table, and the figures by name."""
-    table = Table("figure", "value", title=title)
-    for name, value in figures.items():
-        table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else f"{value:,}")
-    Console().print(table)
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=2) + "\n")
+    """Show a table, and write the figures by name."""
+    show(figures_by_name(title, figures))
+    write_figures(json_file, figures)

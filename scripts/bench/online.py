@@ -6,14 +6,12 @@ slip, and with both. `belief` on 200 drawn cases: scripts.bench belief drawn.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
@@ -24,10 +22,10 @@ from merap.strategies.registry import BELIEF
 from scripts.bench.belief import chosen_conditions
 from scripts.bench.following import CONDITIONS, UNDISTURBED, Lengths, NoiseCondition
 from scripts.bench.strategy_quality import COMPARED, strategy_figures
+from scripts.bench.tables import Json, cell, show, table, write_figures
 
 MODELS = Path(__file__).parents[2] / "models"
 CASES = (*(f"paper-grid/rq1-{number}.yaml" for number in range(1, 9)), "running-example")
-WIDTH = 150
 EPISODES = "episodes_to_within_5_percent"
 COLUMNS = {
     "case": "case",
@@ -49,7 +47,7 @@ Row = Mapping[str, Any]
 
 
 def online(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all rows.")] = None,
+    json_file: Json = None,
     case: Annotated[list[str] | None, typer.Option(help="Below models/; the nine shipped ones.")] = None,
     strategy: Annotated[list[str] | None, typer.Option(help="As of `merap adapt`; all.")] = None,
     condition: Annotated[
@@ -61,7 +59,7 @@ def online(
     episodes_per_step: int = 5,
     training_seed: int = 0,
 ) -> None:
-    """Real episodes until within 5 percent, and regret of the first ten; `outside` is not in the base.
+    """Count real episodes until within 5 percent, and regret of the first ten; `outside` is not in the base.
 
     A run ends with the third row in a row within 5 percent, but lasts as long as regret is summed. Regret
     is the optimum minus the value of the policy in use, or minus what was sampled, exploration included.
@@ -79,48 +77,34 @@ def online(
             run = train(study, Path(folder) / str(number), TrainingConfig(seed=training_seed))
             for one, some in chosen:
                 rows.extend(strategy_figures(run, some, one, range(seeds), lengths, episodes_per_step))
-            if json_file is not None:
-                json_file.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-    console = Console()
-    console.width = max(console.width, WIDTH)
+            write_figures(json_file, rows)
     tables = [_compared(rows, one) for one, some in chosen if len(some) > 1 or len(chosen) == 1]
     if len(chosen) > 1:
         tables.append(_disturbed(rows, [one.name for one, _ in chosen]))
-    console.print(*tables, sep="\n")
-    console.print(
+    show(
+        *tables,
         f"{seeds} seeds, at most {max_episodes} episodes, {episodes_per_step} for a gradient step; "
-        f"regret in use and sampled: of {regret_episodes} episodes"
+        f"regret in use and sampled: of {regret_episodes} episodes",
     )
 
 
 def _compared(rows: Sequence[Row], condition: NoiseCondition) -> Table:
-    """A row for each case and strategy under one condition."""
-    table = Table(title=f"condition: {condition.name}")
-    for name in COLUMNS.values():
-        table.add_column(name, no_wrap=name in ("case", "strategy"))
-    for row in rows:
-        if row["condition"] == condition.name:
-            table.add_row(*(_shown(row[name]) for name in COLUMNS))
-    return table
+    """Build a row for each case and strategy under one condition."""
+    some = [row for row in rows if row["condition"] == condition.name]
+    return table(f"condition: {condition.name}", some, COLUMNS)
 
 
 def _disturbed(rows: Sequence[Row], conditions: Sequence[str]) -> Table:
-    """A row for each case and strategy that meets all conditions, a column for each condition."""
+    """Build a row for each case and strategy under all conditions, a column for each condition."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for row in rows:
         figures = [row[f"{figure}_{EPISODES}"] for figure in ("quantile_50", "quantile_95", "never")]
         regrets = [row[f"mean_{figure}_regret"] for figure in ("first_episode", "cumulative", "sampled")]
-        cell = f"{' / '.join(map(_shown, figures))}\n{', '.join(map(_shown, regrets))}"
-        cells.setdefault((row["case"], row["strategy"]), {})[row["condition"]] = cell
+        found = cells.setdefault((row["case"], row["strategy"]), {})
+        found[row["condition"]] = f"{' / '.join(map(cell, figures))}\n{', '.join(map(cell, regrets))}"
     title = "median / p95 / never\nregret of the first, in use, sampled"
-    table = Table("case", "strategy", *conditions, title=title, show_lines=True)
+    built = Table("case", "strategy", *conditions, title=title, show_lines=True)
     for (case, strategy), found in cells.items():
         if len(found) == len(conditions):
-            table.add_row(case, strategy, *(found[name] for name in conditions))
-    return table
-
-
-def _shown(value: object) -> str:
-    if value is None:
-        return "never"
-    return f"{value:.3g}" if isinstance(value, float) else f"{value}"
+            built.add_row(case, strategy, *(found[name] for name in conditions))
+    return built

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from merap.concerns.case_study import load_case
 from scripts.bench.shield_adaptation import ADAPTING, STRATEGIES, adaptation_figures
 from scripts.bench.shield_quality import SETTINGS, shield_figures
+from scripts.bench.tables import Json, show, table, write_figures
 
 MODELS = Path(__file__).parents[2] / "models"
-WIDTH = 140
 COLUMNS = {
     "case": "case",
     "system": "system",
@@ -33,8 +29,6 @@ COLUMNS = {
     "credible_models_last": "credible",
     "seconds": "s",
 }
-
-
 ADAPTING_COLUMNS = {
     "case": "case",
     "system": "system",
@@ -50,7 +44,7 @@ ADAPTING_COLUMNS = {
 
 
 def adapting_rows(episodes: int = 200, seed: int = 0) -> list[dict[str, Any]]:
-    """Strategies as they are, behind the product's shield and without."""
+    """Adapt with and without the product's shield; return a row for each strategy and threshold."""
     return [
         adaptation_figures(load_case(MODELS / one.case), one.system, strategy, threshold, episodes, seed)
         for one in ADAPTING
@@ -60,7 +54,7 @@ def adapting_rows(episodes: int = 200, seed: int = 0) -> list[dict[str, Any]]:
 
 
 def shield_rows(episodes: int = 10_000, seed: int = 0) -> list[dict[str, Any]]:
-    """A row for each setting, and one without a shield for each system."""
+    """Return a row for each setting, and one without a shield for each system."""
     rows = []
     for (name, system), settings in groupby(SETTINGS, key=lambda one: (one.case, one.system)):
         thresholds = [one.threshold for one in settings]
@@ -69,32 +63,17 @@ def shield_rows(episodes: int = 10_000, seed: int = 0) -> list[dict[str, Any]]:
 
 
 def shield(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the rows.")] = None,
+    json_file: Json = None,
     episodes: Annotated[int, typer.Option(min=1, help="Exploring episodes of each row.")] = 10_000,
     adapting: Annotated[int, typer.Option(min=1, help="Adapting episodes of each row.")] = 200,
     seed: int = 0,
 ) -> None:
-    """Violations, goals and returns of exploring and adapting episodes, with a shield and without."""
+    """Count violations, goals and returns of exploring and adapting episodes, with a shield and without."""
     exploring = shield_rows(episodes, seed)
-    _show(f"{episodes} exploring episodes", exploring, COLUMNS)
+    show(table(f"{episodes} exploring episodes", exploring, COLUMNS))
     adapted = adapting_rows(adapting, seed)
-    _show(f"{adapting} adapting episodes", adapted, ADAPTING_COLUMNS)
-    if json_file is not None:
-        found = {"exploring": exploring, "adapting": adapted}
-        json_file.write_text(json.dumps(found, indent=2) + "\n")
-
-
-def _show(title: str, rows: list[dict[str, Any]], columns: Mapping[str, str]) -> None:
-    table = Table(*columns.values(), title=title)
-    for row in rows:
-        table.add_row(*(_text(row[name]) for name in columns))
-    Console(width=WIDTH).print(table)
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    show(table(f"{adapting} adapting episodes", adapted, ADAPTING_COLUMNS))
+    write_figures(json_file, {"exploring": exploring, "adapting": adapted})
 
 
 if __name__ == "__main__":

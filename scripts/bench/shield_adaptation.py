@@ -39,7 +39,7 @@ EPISODES = 10
 def adaptation_figures(
     case: CaseStudy, system: str, strategy: str, threshold: float | None, episodes: int = 200, seed: int = 0
 ) -> dict[str, Any]:
-    """A row: adaptations of `EPISODES` episodes each; equal seeds for every threshold.
+    """Return a row of adaptations of `EPISODES` episodes each; equal seeds for every threshold.
 
     Args:
         case: the case.

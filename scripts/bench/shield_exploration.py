@@ -59,7 +59,7 @@ class Episodes:
 
 
 def rate_limit(count: int, trials: int) -> float:
-    """The upper end of the two-sided Clopper-Pearson interval of a rate."""
+    """Return the upper end of the two-sided Clopper-Pearson interval of a rate."""
     if count == trials:
         return 1.0
     return float(beta.ppf((1 + CONFIDENCE) / 2, count + 1, trials - count))
@@ -130,7 +130,7 @@ def explore(
 
 
 def _likelihood(models: Sequence[TabularMDP]) -> Floats:
-    """float64 [N, S, A, S], the log-probability of each step."""
+    """Return float64 [N, S, A, S], the log-probability of each step."""
     first = models[0]
     table = np.zeros((len(models), first.num_states, first.num_actions, first.num_states))
     for number, model in enumerate(models):
@@ -156,7 +156,7 @@ class _Round:
     def play(
         self, guide: Guide, weights: Floats, likelihood: Floats
     ) -> tuple[Bools, Bools, Floats, int, int]:
-        """Violated, completed and return of each robot; fallbacks; robots beyond their threshold at first.
+        """Return violated, completed, return of each robot; fallbacks; robots beyond the threshold at first.
 
         Changes `weights`, float64 [B, N], by what the robots see.
         """
@@ -193,7 +193,7 @@ class _Round:
         return violated, self.true.labels[COMPLETE_LABEL][state], returns, fallbacks, beyond
 
     def _action(self, allowed: Bools, planned: Ints, uniform: Floats) -> Ints:
-        """int64 [B]: the first of two planned ones int64 [2, B] that is allowed, or any that is."""
+        """Return int64 [B], the first of two planned actions int64 [2, B] that is allowed, or any that is."""
         count = allowed.sum(axis=1)
         wanted = np.minimum((uniform[0] * count).astype(np.int64), count - 1)
         action = np.asarray((allowed.cumsum(axis=1) > wanted[:, np.newaxis]).argmax(axis=1))
@@ -207,6 +207,6 @@ class _Round:
 
 
 def _learn(weights: Floats, active: Ints, told: Floats) -> None:
-    """Bayes' rule in logs, [B', N]; what no model allows is left out."""
+    """Apply Bayes' rule in logs, [B', N]; an observation that no model allows is left out."""
     possible = np.isfinite(weights[active] + told).any(axis=1)
     weights[active[possible]] += told[possible]

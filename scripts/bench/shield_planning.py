@@ -55,7 +55,7 @@ class Plans:
         self._plans: dict[tuple[int, bytes], Ints] = {}
 
     def guide(self, credible: Bools, drawn: Ints) -> Guide:
-        """What robots go by.
+        """Make the guide of each robot.
 
         Args:
             credible: bool [B, N], the models that are credible to each robot.
@@ -79,7 +79,7 @@ class Plans:
         return self._risks[key]
 
     def _plan(self, number: int, credible: Bools) -> Ints:
-        """int64 [2, T, S]."""
+        """Return int64 [2, T, S], the plan of one pair."""
         key = number, credible.tobytes()
         if key not in self._plans:
             model = self._models[number]
@@ -92,7 +92,7 @@ class Plans:
 
 
 def _best(model: TabularMDP, mask: Bools, horizon: int) -> Ints:
-    """int64 [T, S], the best actions within bool [S, A]; others cost too much, but for `end`."""
+    """Return int64 [T, S], the best actions within bool [S, A]; others cost too much, but for `end`."""
     widened = np.pad(mask, ((0, 0), (0, model.num_actions - mask.shape[1])), constant_values=True)
     allowed = widened[model.choice_state, model.choice_action]
     reward: Floats = np.where(allowed, model.choice_reward, FORBIDDEN)

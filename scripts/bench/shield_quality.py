@@ -49,7 +49,7 @@ SETTINGS = (
 def shield_figures(
     case: CaseStudy, system: str, thresholds: Sequence[float], episodes: int = 10_000, seed: int = 0
 ) -> Iterator[dict[str, Any]]:
-    """A row without a shield, then one for each threshold, all with the same random numbers.
+    """Yield a row without a shield, then one for each threshold, all with the same random numbers.
 
     Args:
         case: the case.
@@ -82,7 +82,7 @@ def shield_figures(
 
 
 def _known(case: CaseStudy, combination: Combination) -> list[Combination]:
-    """The combinations with the objective that is met."""
+    """Return the combinations with the objective of the online system."""
     return [one for one in case.combinations() if one.objective.name == combination.objective.name]
 
 

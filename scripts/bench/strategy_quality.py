@@ -27,7 +27,7 @@ def strategy_figures(
     lengths: Lengths,
     episodes_per_step: int,
 ) -> Iterator[dict[str, Any]]:
-    """A row for each strategy on the system `met` of a run's case; three for `pretrained:all`.
+    """Yield a row for each strategy on the system `met` of a run's case; three for `pretrained:all`.
 
     Args:
         run: a finished training run.
@@ -64,7 +64,7 @@ def strategy_figures(
 
 
 def _played(problem: AdaptationProblem, name: str) -> dict[str, str]:
-    """The strategies that a name stands for, each by its name in tables; policies are learned here."""
+    """Return the strategies that a name stands for, each by its name in tables; learn policies first."""
     if name != f"{PRETRAINED}:{ALL}":
         problem.strategy(name, np.random.default_rng(0))
         return {name: name}

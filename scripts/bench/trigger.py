@@ -7,7 +7,6 @@ false alarms, beside the paper's trigger.
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -15,14 +14,15 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from merap.concerns.case_study import CaseStudy, load_case
+from merap.mdp.model import Floats
 from merap.report.saving import save_figure
 from merap.trigger.readings import Readings
 from merap.trigger.settings import WindowSettings
+from scripts.bench.tables import Json, figures_by_name, show, table, write_figures
 from scripts.bench.trigger_batch import count_alarms, window_rewards
 from scripts.bench.trigger_curve import STEPS, Point, change_curve, window_curve
 from scripts.bench.trigger_delay import (
@@ -36,8 +36,7 @@ from scripts.bench.trigger_delay import (
 )
 from scripts.bench.trigger_delays_figure import draw_delays
 from scripts.bench.trigger_score import beside_bound, of_kind, score_change, without_change
-from scripts.bench.trigger_streams import known
-from scripts.bench.trigger_worlds import WORLDS
+from scripts.bench.trigger_streams import gaussian, known
 
 MODELS = Path(__file__).parents[2] / "models"
 CASES = ("paper-grid/rq1-1.yaml", "paper-grid/rq1-2.yaml", "paper-grid/rq1-4.yaml", "running-example")
@@ -45,7 +44,9 @@ CASES = ("paper-grid/rq1-1.yaml", "paper-grid/rq1-2.yaml", "paper-grid/rq1-4.yam
 EPISODES = {"costly": 60, "small": 60, "harmless": 200, "off the path": 200}
 # Streams without a change that the curves are made from.
 CURVE_STREAMS = 20
-WIDTH = 150
+NOISE = 0.5
+# Student's t with three degrees of freedom has a standard deviation of sqrt(3).
+HEAVY = 3
 # What slip becomes, from the 0.1 that is stated.
 SLIPS = (0.2, 0.3, 0.4, 0.5)
 LOG_THRESHOLDS = (5, 7, 9, 11, 13.8, 16.1, 19)
@@ -55,7 +56,27 @@ WINDOWS = {
     "the paper's window: 50 steps": WindowSettings(threshold=0.0, discount=0.95, steps=50),
 }
 
-Json = Annotated[Path | None, typer.Option("--json", help="Write all figures.")]
+
+def heavy_tailed(generator: np.random.Generator, count: int) -> Floats:
+    """Draw noise of the stated standard deviation, but with large outliers."""
+    drawn: Floats = NOISE / np.sqrt(HEAVY) * generator.standard_t(HEAVY, count)
+    return drawn
+
+
+# The real system, where it is not quite the stated one.
+WORLDS = {
+    "as stated": World(),
+    "noise half of what is stated": World(real_noise=gaussian(NOISE / 2)),
+    "noise twice what is stated": World(real_noise=gaussian(NOISE * 2)),
+    "heavy-tailed noise": World(real_noise=heavy_tailed),
+    "less slip": World(real_slip=0.05),
+    "more slip": World(real_slip=0.15),
+    "lost steps": World(lost=0.1),
+    "stated as symmetric": World(tails="symmetric"),
+    "symmetric, noise twice what is stated": World(real_noise=gaussian(NOISE * 2), tails="symmetric"),
+    "symmetric, heavy-tailed noise": World(real_noise=heavy_tailed, tails="symmetric"),
+}
+
 Plot = Annotated[Path | None, typer.Option(help="Draw the curve of delay against false alarms.")]
 
 
@@ -70,7 +91,7 @@ def trigger(
     seeds: Annotated[int, typer.Option(help="Streams for each change.")] = 20,
     seed: int = 0,
 ) -> None:
-    """False alarms and delays of the trigger; with --json or --plot their curves, over its thresholds."""
+    """Measure false alarms and delays of the trigger; with --json or --plot also over its thresholds."""
     if world not in WORLDS:
         raise typer.BadParameter(f"there is no world {world!r}; allowed: {', '.join(WORLDS)}")
     began = time.perf_counter()
@@ -89,8 +110,7 @@ def trigger(
             save_figure(draw_delays(pairs, "Delay against false alarms"), plot, force=True)
     figures["seconds"] = time.perf_counter() - began
     _show(figures)
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_figures(json_file, figures)
 
 
 class _Streams:
@@ -119,7 +139,7 @@ class _Streams:
                 self._worn.append({"slip": slip, **score_change(study.name, watched, self._world, generator)})
 
     def figures(self) -> dict[str, Any]:
-        """With the settings as they are."""
+        """Return figures with the settings as they are."""
         settings, rows = self._world.settings, self._rows
         return {
             "settings": settings.model_dump(),
@@ -132,12 +152,12 @@ class _Streams:
         }
 
     def _groups(self) -> dict[str, list[dict[str, Any]]]:
-        """Of the rows of changes."""
+        """Return the rows of changes in groups."""
         slips = {f"slip {slip}": [one for one in self._worn if one["slip"] == slip] for slip in SLIPS}
         return {"drawn": self._rows, **slips}
 
     def curves(self) -> dict[str, list[Point]]:
-        """Over thresholds, of each trigger."""
+        """Return the curve of each trigger over its thresholds."""
         quiet = self._quiet[:: max(1, len(self._quiet) // CURVE_STREAMS)]
         return _curves(self._world, quiet, self._costly)
 
@@ -166,38 +186,30 @@ def _curves(world: World, quiet: list[Readings], costly: list[Watched]) -> dict[
 
 
 def _show(figures: dict[str, Any]) -> None:
-    console = Console()
-    console.width = max(console.width, WIDTH)
-    table = Table("figure", "value", title=f"without a change ({figures['world']})")
-    for name, value in figures["without a change"].items():
-        table.add_row(name, f"{value:,}")
-    console.print(table)
-    console.print(_table("with a change", "kind", figures["kinds"]))
-    console.print(_table("costly, beside what any detector can do", "changes", figures["beside the bound"]))
-    if "curves" in figures:
-        console.print(_curve_table(figures["curves"]))
-    console.print(f"{figures['seconds']:.0f} s")
+    show(
+        figures_by_name(f"without a change ({figures['world']})", figures["without a change"]),
+        _named("with a change", "kind", figures["kinds"]),
+        _named("costly, beside what any detector can do", "changes", figures["beside the bound"]),
+        *([_curve_table(figures["curves"])] if "curves" in figures else []),
+        f"{figures['seconds']:.0f} s",
+    )
 
 
-def _table(title: str, first: str, rows: dict[Any, dict[str, Any]]) -> Table:
-    columns = list(next(iter(rows.values())))
-    table = Table(first, *columns, title=title)
-    for name, row in rows.items():
-        table.add_row(str(name), *(_text(row[column]) for column in columns))
-    return table
+def _named(title: str, first: str, rows: dict[Any, dict[str, Any]]) -> Table:
+    columns = {"": first} | {name: name for name in next(iter(rows.values()))}
+    return table(title, ({"": str(name), **row} for name, row in rows.items()), columns)
 
 
 def _curve_table(curves: dict[str, list[dict[str, float]]]) -> Table:
-    table = Table("trigger", "threshold", "false alarms in 100,000", "mean delay", "within 3", title="curves")
-    for name, points in curves.items():
-        for point in points:
-            cells = (point["threshold"], point["false_alarms"], point["delay"], point["soon"])
-            table.add_row(name, *map(_text, cells))
-    return table
-
-
-def _text(value: float | None) -> str:
-    return "" if value is None else f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
+    columns = {
+        "": "trigger",
+        "threshold": "threshold",
+        "false_alarms": "false alarms in 100,000",
+        "delay": "mean delay",
+        "soon": "within 3",
+    }
+    rows = ({"": name, **point} for name, points in curves.items() for point in points)
+    return table("curves", rows, columns)
 
 
 if __name__ == "__main__":

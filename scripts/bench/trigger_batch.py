@@ -42,7 +42,7 @@ class Trace:
 
 
 def trace(settings: ChangeSettings, readings: Readings) -> Trace:
-    """The evidence of a stream, from its beginning."""
+    """Compute the evidence of a stream, from its beginning."""
     log_ratios = readings.log_local - readings.log_likelihood[:, np.newaxis]
     steps = log_evidence(
         readings.log_likelihood,
@@ -65,7 +65,7 @@ def trace(settings: ChangeSettings, readings: Readings) -> Trace:
 
 
 def local_evidence(place: Ints, log_ratios: Floats, chance: float) -> Floats:
-    """float64 [M], logarithms of the likelihood ratios of `local.LocalOdds`.
+    """Return float64 [M], logarithms of the likelihood ratios of `local.LocalOdds`.
 
     Args:
         place: int64 [M].
@@ -85,7 +85,7 @@ def local_evidence(place: Ints, log_ratios: Floats, chance: float) -> Floats:
 
 
 def first_alarm(traced: Trace, settings: ChangeSettings, log_threshold: float | None = None) -> int | None:
-    """The step (from 0) of the first alarm; None: there is none.
+    """Return the step (from 0) of the first alarm; None: there is none.
 
     Args:
         traced: a stream.
@@ -102,7 +102,7 @@ def first_alarm(traced: Trace, settings: ChangeSettings, log_threshold: float | 
 
 
 def count_alarms(settings: ChangeSettings, readings: Readings, log_threshold: float | None = None) -> int:
-    """How many alarms a stream gives if the detector begins anew after each of them."""
+    """Count the alarms of a stream if the detector begins anew after each of them."""
     count, begin, length = 0, 0, CHUNK
     while begin < len(readings):
         traced = trace(settings, readings.part(slice(begin, begin + length)))
@@ -117,7 +117,7 @@ def count_alarms(settings: ChangeSettings, readings: Readings, log_threshold: fl
 
 
 def window_rewards(settings: WindowSettings, readings: Readings) -> tuple[Ints, Floats]:
-    """Where windows end, int64 [J], and their discounted rewards, float64 [J].
+    """Return int64 [J], the ends of windows, and float64 [J], their discounted rewards.
 
     A `WindowTrigger` gives an alarm at the first that is below its threshold.
     """
@@ -137,12 +137,12 @@ def window_rewards(settings: WindowSettings, readings: Readings) -> tuple[Ints, 
 
 
 def _cumulated(values: Floats) -> Floats:
-    """[M + 1, ...]: sums of the first 0, 1, .. M entries."""
+    """Return [M + 1, ...], sums of the first 0, 1, .. M entries."""
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
 
 
 def _ended(last: Bools, longest: int) -> Bools:
-    """bool [M], where an episode ends or has lasted too long."""
+    """Return bool [M], where an episode ends or has lasted too long."""
     number = np.arange(len(last))
     begun = np.maximum.accumulate(np.where(np.concatenate([[True], last[:-1]]), number, 0))
     ended: Bools = last | ((number - begun) % longest == longest - 1)
@@ -150,7 +150,7 @@ def _ended(last: Bools, longest: int) -> Bools:
 
 
 def _last_zeros(sums: Floats) -> Ints:
-    """int64 [M, K]: how many steps lie before the likeliest change, seen from each step."""
+    """Return int64 [M, K], the number of steps before the likeliest change, seen from each step."""
     lowest = np.minimum.accumulate(sums, axis=0)
     zero = np.concatenate([np.ones((1, sums.shape[1]), dtype=np.bool_), sums[1:] <= lowest[:-1]])
     number = np.arange(len(sums))[:, np.newaxis]
@@ -158,7 +158,7 @@ def _last_zeros(sums: Floats) -> Ints:
 
 
 def _deviations(settings: ChangeSettings, readings: Readings, start: Ints, ends: Ints) -> Floats:
-    """float64 [J], of the loss between the starts and the ends; see `change.estimated_loss`."""
+    """Return float64 [J], of the loss between the starts and the ends; see `change.estimated_loss`."""
 
     def part(values: Floats) -> Floats:
         total = _cumulated(values)

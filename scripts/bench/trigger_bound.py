@@ -52,11 +52,11 @@ class Ratio:
     noise: float
 
     def means(self) -> Floats:
-        """float64 [B], mean of the logarithm over the noise."""
+        """Return float64 [B], mean of the logarithm over the noise."""
         return self.log_odds + (self.reward - self.expected) ** 2 / (2 * self.noise**2)
 
     def logs(self, steps: ObservedSteps) -> Floats:
-        """float64 [M], the logarithm for steps of what is there."""
+        """Return float64 [M], the logarithm for steps of the real model."""
         key = _key(self.real, steps.state, steps.action, steps.target)
         branch = match_keys(key, _keys(self.real))
         misfit = (steps.reward - self.expected[branch]) ** 2 - (steps.reward - self.reward[branch]) ** 2
@@ -81,7 +81,7 @@ def ratio(known: TabularMDP, real: TabularMDP, noise: float) -> Ratio:
 
 
 def visits(before: Known, real: TabularMDP) -> Floats:
-    """float64 [B], how often an episode of the known model's policy takes each branch on average.
+    """Return float64 [B], how often an episode of the known model's policy takes each branch on average.
 
     Completed states count as 0, so the sum is the mean length of an episode.
     """
@@ -97,7 +97,7 @@ def visits(before: Known, real: TabularMDP) -> Floats:
 
 
 def nats_per_episode(before: Known, change: Ratio) -> float:
-    """D of the first bound, exact; infinite if something can happen that is held impossible."""
+    """Return D of the first bound, exact; infinite if something can happen that is held impossible."""
     weight = visits(before, change.real)
     seen = weight > 0
     return float(weight[seen] @ change.means()[seen])
@@ -106,7 +106,7 @@ def nats_per_episode(before: Known, change: Ratio) -> float:
 def most_in_time(
     before: Known, change: Ratio, episodes: int, rates: tuple[float, ...], generator: np.random.Generator
 ) -> tuple[float, ...]:
-    """The second bound: what part of the changes any detector can see within so many episodes.
+    """Return the second bound: the part of the changes that any detector can see within some episodes.
 
     Args:
         before: what is known.
@@ -123,7 +123,7 @@ def most_in_time(
 
 
 def power(logs: Floats, size: float) -> float:
-    """Of the likelihood-ratio test of that size.
+    """Return the power of the likelihood-ratio test of that size.
 
     The size of {ratio > c} is the mean of 1 / ratio over it after the change; draws from before the change
     would not tell sizes that small.
@@ -141,6 +141,6 @@ def _key(model: TabularMDP, state: Ints, action: Ints, target: Ints) -> Ints:
 
 
 def _keys(model: TabularMDP) -> Ints:
-    """int64 [B], one for each state, action and successor."""
+    """Return int64 [B], one for each state, action and successor."""
     choice = model.branch_choice
     return _key(model, model.choice_state[choice], model.choice_action[choice], model.branch_target)

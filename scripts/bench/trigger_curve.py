@@ -46,7 +46,7 @@ def change_curve(
     log_thresholds: Sequence[float],
     longest: int,
 ) -> list[Point]:
-    """The curve of a `ChangeTrigger`.
+    """Compute the curve of a `ChangeTrigger`.
 
     Args:
         settings: but for the threshold.
@@ -70,7 +70,7 @@ def window_curve(
     margins: Sequence[float],
     longest: int,
 ) -> list[Point]:
-    """The curve of a `WindowTrigger`.
+    """Compute the curve of a `WindowTrigger`.
 
     Args:
         settings: but for the threshold.

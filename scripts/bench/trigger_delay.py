@@ -56,17 +56,17 @@ class World:
         return ChangeSettings(noise=self.noise, tails=self.tails)
 
     def model(self, combination: Combination) -> TabularMDP:
-        """The combination as it really is."""
+        """Return the model of the combination as it really is."""
         return slipping_model(combination, self.slip if self.real_slip is None else self.real_slip)
 
     def episodes(
         self, before: Known, real: TabularMDP, count: int, generator: np.random.Generator
     ) -> ObservedSteps:
-        """Episodes as they are really seen, but for those that are lost."""
+        """Draw episodes as they are really seen, but for those that are lost."""
         return stream(before, real, count, self.real_noise or gaussian(self.noise), generator)
 
     def seen(self, readings: Readings, generator: np.random.Generator) -> Readings:
-        """Without what is lost."""
+        """Return readings without the lost ones."""
         if self.lost == 0:
             return readings
         return readings.part(generator.random(len(readings)) >= self.lost)
@@ -133,7 +133,7 @@ def changes(case: CaseStudy, count: int, world: World, generator: np.random.Gene
 def _other(
     case: CaseStudy, known_one: Sequence[int], number: int, generator: np.random.Generator
 ) -> Combination:
-    """Another combination; in turn one concern changes alone, or all do."""
+    """Draw another combination; in turn one concern changes alone, or all do."""
     indices = list(known_one)
     variable = [concern for concern, size in enumerate(case.shape) if size > 1]
     turn = number % (len(variable) + 1)
@@ -185,7 +185,7 @@ def watch(change: Change, world: World, seeds: int, episodes: int, generator: np
 
 
 def change_delays(watched: Watched, settings: ChangeSettings, log_threshold: float | None = None) -> Floats:
-    """float64 [seeds], episodes until the alarm; infinite if there is none, NaN if it came too early."""
+    """Return float64 [seeds], episodes until the alarm; infinite without one, NaN if it came too early."""
     alarms = [
         first_alarm(trace(settings, readings), settings, log_threshold) for readings, _ in watched.streams
     ]
@@ -193,7 +193,7 @@ def change_delays(watched: Watched, settings: ChangeSettings, log_threshold: flo
 
 
 def window_delays(watched: Watched, settings: WindowSettings) -> Floats:
-    """The same for the paper's trigger; alarms before the change are passed over."""
+    """Return the same for the paper's trigger; alarms before the change are passed over."""
     alarms = []
     for readings, begin in watched.streams:
         ends, rewards = window_rewards(settings, readings)
@@ -213,7 +213,7 @@ def _delays(watched: Watched, alarms: Sequence[int | None]) -> Floats:
 def unchanged(
     before: Known, same: TabularMDP, world: World, steps: int, generator: np.random.Generator
 ) -> Readings:
-    """At least that many steps without a change; `count_alarms` tells what a detector makes of them."""
+    """Draw at least that many steps without a change; `count_alarms` counts a detector's alarms in them."""
     count = 1 + steps // 10
     readings: Readings | None = None
     while readings is None or len(readings) < steps:

@@ -20,7 +20,7 @@ LEVELS = (1.0, 0.1)
 
 
 def score_change(case: str, watched: Watched, world: World, generator: np.random.Generator) -> dict[str, Any]:
-    """The figures of one change.
+    """Return the figures of one change.
 
     Args:
         case: its name.
@@ -50,7 +50,7 @@ def score_change(case: str, watched: Watched, world: World, generator: np.random
 def _bounds(
     watched: Watched, found: Ratio, world: World, generator: np.random.Generator
 ) -> dict[str, float | None]:
-    """See `trigger_bound`; for a change to what was held impossible the entropy is infinite."""
+    """Return the bounds of `trigger_bound`; the entropy of a change to an impossible step is infinite."""
     before = watched.change.before
     nats = nats_per_episode(before, found)
     rates = tuple(level / STEPS for level in LEVELS)
@@ -67,7 +67,7 @@ def _most_soon(level: float) -> str:
 
 
 def without_change(alarms: Sequence[int]) -> dict[str, Any]:
-    """Of streams of `STEPS` steps; how many alarms each of them gave."""
+    """Return figures of streams of `STEPS` steps, from the number of alarms in each of them."""
     return {
         "streams": len(alarms),
         "steps of each": STEPS,
@@ -78,7 +78,7 @@ def without_change(alarms: Sequence[int]) -> dict[str, Any]:
 
 
 def of_kind(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The changes of one kind."""
+    """Return figures over the changes of one kind."""
     totals = {name: sum(row[name] for row in rows) for name in ("streams", "alarms", "soon")}
     return {
         "changes": len(rows),
@@ -93,7 +93,7 @@ def of_kind(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def beside_bound(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Those changes that are costly, beside what any detector can do.
+    """Return figures of the costly changes, beside what any detector can do.
 
     `possible` are changes of which some detector can see 95 percent within three episodes at the default's
     rate of false alarms, `impossible` those of which none can even with one false alarm in `STEPS` steps.
@@ -127,7 +127,7 @@ def _part(rows: Sequence[dict[str, Any]]) -> float | None:
 
 
 def _median(rows: Sequence[dict[str, Any]], name: str) -> float | None:
-    """Of the rows' figures; a change that is not seen counts as infinite."""
+    """Return the median of the rows' figures; a change that is not seen counts as infinite."""
     values = [math.inf if row[name] is None else row[name] for row in rows]
     return _finite(float(np.median(values))) if rows else None
 

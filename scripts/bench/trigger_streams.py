@@ -42,7 +42,7 @@ class Known:
     value: float
 
     def forecast(self, settings: ChangeSettings) -> Forecast:
-        """What the model expects of its policy."""
+        """Return the model's forecast of its policy."""
         return Forecast(self.model, executed(self.model, self.policy), self.horizon, settings)
 
 
@@ -61,20 +61,20 @@ class Effect:
 
 
 def known(combination: Combination, slip: float) -> Known:
-    """A combination that slips, and the best policy for it."""
+    """Return a combination that slips, and the best policy for it."""
     model, horizon = slipping_model(combination, slip), combination.objective.horizon
     plan = backward_induction(model, horizon)
     return Known(model, as_policy(model, plan.actions)[..., :-1], horizon, plan.value)
 
 
 def effect(before: Known, real: TabularMDP) -> Effect:
-    """What it means for the policy that `real` is there instead of the known model."""
+    """Return the effect on the policy of `real` in place of the known model."""
     value = expected_return(real, executed(real, before.policy), before.horizon)
     return Effect(_visited(before, real), (before.value - value) / _at_stake(before))
 
 
 def _at_stake(before: Known) -> float:
-    """What losses are a part of; 1 where no policy earns or loses anything."""
+    """Return the range that losses are a part of; 1 where no policy earns or loses anything."""
     if abs(before.value) > EQUAL:
         return abs(before.value)
     spread = before.value - worst_value(before.model, before.horizon)
@@ -105,7 +105,7 @@ def _differ(one: TabularMDP, other: TabularMDP, state: Ints, action: Ints) -> bo
 def stream(
     before: Known, real: TabularMDP, episodes: int, noise: Noise, generator: np.random.Generator
 ) -> ObservedSteps:
-    """Episodes of the known model's policy on the real one, one after the other.
+    """Draw episodes of the known model's policy on the real one, one after the other.
 
     Args:
         before: whose policy is carried out.
@@ -162,5 +162,5 @@ def _flat(
 
 
 def gaussian(deviation: float) -> Noise:
-    """Noise of that standard deviation."""
+    """Return a source of noise of that standard deviation."""
     return lambda generator, count: deviation * generator.standard_normal(count)

@@ -59,7 +59,7 @@ class Worker:
         )
 
     def seconds(self, estimator: str, count: int) -> list[float]:
-        """What updates take."""
+        """Return the seconds of updates."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(f"{estimator} {count}\n")

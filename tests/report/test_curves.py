@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from merap.errors import InputError, OutputError
 from merap.report.curves import draw_adaptation
 from merap.report.map import draw_map
-from merap.report.path import sampled_path
 from merap.report.saving import figure_bytes, save_figure
 from tests.support.hand_made import graph_combination
+from tests.support.route_paths import written_path
 
 RUNS = [[-4.0, 2.0, 5.0, 5.9], [-4.0, 0.0, 4.0, 5.7], [-4.0, 1.0, 6.0, 6.0]]
 
@@ -154,7 +154,7 @@ def test_a_place_or_format_that_can_not_be_written_is_refused(tmp_path: Path) ->
 @pytest.mark.parametrize("suffix", [".svg", ".png"])
 def test_the_same_picture_has_the_same_bytes(suffix: str) -> None:
     combination = graph_combination()
-    path = sampled_path(combination, [(0, "go"), (1, "start_scan")], 1, completed=False)
+    path = written_path(combination, [(0, "go"), (1, "start_scan")], 1)
     first, second = (figure_bytes(draw_map(combination, paths=[path]), suffix) for _ in range(2))
     assert first == second
     assert figure_bytes(draw_map(combination), suffix) != first

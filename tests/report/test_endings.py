@@ -11,9 +11,10 @@ from merap.concerns.combination import Combination
 from merap.families.build import model_of
 from merap.mdp.evaluation import as_policy
 from merap.report.map import draw_map
-from merap.report.path import RoutePath, most_likely_path, sampled_path
+from merap.report.path import RoutePath, most_likely_path
 from tests.support.hand_made import grid_combination
 from tests.support.paths import MODELS
+from tests.support.route_paths import written_path
 
 
 def line(axes: Axes, name: str) -> Line2D:
@@ -29,7 +30,7 @@ def along(combination: Combination) -> RoutePath:
         for place in range(side - 1)
         for part in (0, 1)
     ]
-    return sampled_path(combination, steps, side * side - 1, completed=True)
+    return written_path(combination, steps, side * side - 1, "completed")
 
 
 def test_a_hole_ends_the_task_and_does_not_complete_it() -> None:
@@ -45,14 +46,6 @@ def test_a_hole_ends_the_task_and_does_not_complete_it() -> None:
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "path: ended in 2 steps, not completed" in texts
     assert line(figure.axes[0], "end of path").get_marker() == "X"
-
-
-def test_a_recorded_path_is_judged_likewise() -> None:
-    grid = grid_combination(size=3, goal=(0, 2))
-    there = sampled_path(grid, [(0, "right"), (1, "right"), (2, "stop")], 2, completed=True)
-    elsewhere = sampled_path(grid, [(0, "right"), (1, "stop")], 1, completed=True)
-    assert (there.ending, elsewhere.ending) == ("completed", "ended")
-    assert elsewhere.text == "r0c0 -right-> r0c1 (stop)"
 
 
 @pytest.mark.parametrize("size", [3, 9, 30, 80])

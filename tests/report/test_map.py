@@ -24,9 +24,10 @@ from merap.mdp.planning import value_iteration
 from merap.report.labels import place_labels
 from merap.report.locations import unsafe_locations
 from merap.report.map import draw_before_after, draw_map
-from merap.report.path import RoutePath, most_likely_path, sampled_path
+from merap.report.path import RoutePath, most_likely_path
 from tests.support.hand_made import cells, graph_combination, grid_combination, with_environment
 from tests.support.paths import ROOT
+from tests.support.route_paths import written_path
 
 
 @pytest.fixture(scope="module")
@@ -248,10 +249,10 @@ def test_a_path_runs_through_its_locations(building: Combination, adapted: Route
 
 def test_paths_on_the_same_edges_lie_side_by_side() -> None:
     combination = grid_combination(size=3, goal=(0, 2))
-    there = sampled_path(
-        combination, [(0, "right"), (1, "right"), (2, "stop")], 2, completed=True, label="there"
+    there = written_path(
+        combination, [(0, "right"), (1, "right"), (2, "stop")], 2, "completed", label="there"
     )
-    back = sampled_path(combination, [(2, "left"), (1, "left")], 0, completed=False, label="back")
+    back = written_path(combination, [(2, "left"), (1, "left")], 0, label="back")
     axes = draw_map(combination, paths=[there, replace(there, label="again"), back]).axes[0]
     heights = [named(axes, name)[0].get_ydata() for name in ("there", "again", "back")]
     assert all(np.ptp(height) < 1e-12 for height in heights)
@@ -265,9 +266,7 @@ def test_paths_on_the_same_edges_lie_side_by_side() -> None:
 
 def test_before_and_after_are_two_maps_of_one_scale(building: Combination, adapted: RoutePath) -> None:
     index = building.space.location_index
-    stuck = sampled_path(
-        building, [(index["S"], "east"), (index["lobby"], "east")], index["lobby"], completed=False
-    )
+    stuck = written_path(building, [(index["S"], "east"), (index["lobby"], "east")], index["lobby"])
     figure = draw_before_after(building, stuck, adapted)
     left, right = figure.axes
     assert left.get_xlim() == right.get_xlim()

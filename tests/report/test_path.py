@@ -15,8 +15,9 @@ from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import backward_induction, value_iteration
 from merap.report.geometry import offset_line
-from merap.report.path import RoutePath, most_likely_path, sampled_path
+from merap.report.path import RoutePath, most_likely_path
 from tests.support.hand_made import cells, graph_combination, grid_combination, number
+from tests.support.route_paths import written_path
 
 # A 3 x 3 world with walls that leave one way from the top left corner to the goal:
 #   S # G
@@ -139,7 +140,7 @@ def test_disabled_actions_are_never_taken() -> None:
 
 def test_a_recorded_path_counts_what_was_repeated() -> None:
     steps = [(0, "down"), (3, "left"), (3, "left"), (3, "left"), (3, "up"), (0, "up")]
-    path = sampled_path(ONE_WAY, steps, 0, completed=False, label="before")
+    path = written_path(ONE_WAY, steps, 0, label="before")
     assert path.text == "r0c0 -down-> r1c0 [left x3] -up-> r0c0 [up] (not completed)"
     assert path.label == "before"
 

@@ -83,7 +83,7 @@ def trajectory(combination: Combination, length: int, noise: float, generator: G
 
 
 def _states(combination: Combination, model: TabularMDP) -> list[int]:
-    """The row of each canonical state that is not done; -1 if it is not reachable."""
+    """Return the row of each canonical state that is not done; -1 if it is not reachable."""
     rows = {tuple(row): number for number, row in enumerate(model.valuations.tolist())}
     return [rows.get((*row, 0), -1) for row in pair_valuations(combination).tolist()]
 
@@ -136,7 +136,7 @@ def _slipped(model: TabularMDP, index: list[int], one: Seen, noise: float, choic
 
 
 def inferred(case: CaseStudy, space: HypothesisSpace, seen: Sequence[Seen]) -> Belief:
-    """The belief after a trajectory."""
+    """Return the belief after a trajectory."""
     belief = observe_presence(space, prior_belief(space), int(np.flatnonzero(space.initial)[0]))
     for one in seen:
         enabled = np.isin(np.arange(len(case.actions)), one.enabled)

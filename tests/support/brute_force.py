@@ -33,7 +33,7 @@ class SmallMDP:
     labels: dict[str, States]
 
     def prism(self) -> str:
-        """The model in PRISM's language; the first state is initial."""
+        """Return the model in PRISM's language; the first state is initial."""
         lines = ["mdp", "module m", f"  s : [0..{len(self.choices) - 1}] init 0;"]
         for state, choices in enumerate(self.choices):
             for action, successors in enumerate(choices):
@@ -58,7 +58,7 @@ class SmallMDP:
 
 
 def text_of(formula: Formula) -> str:
-    """A formula as PRISM writes it."""
+    """Return a formula as PRISM writes it."""
     match formula:
         case ("label", name):
             return f'"{name}"'
@@ -88,7 +88,7 @@ def _path_text(path: Formula) -> str:
 
 
 def satisfying(mdp: SmallMDP, formula: Formula) -> States:
-    """The states in which a formula holds."""
+    """Return the states in which a formula holds."""
     everywhere = frozenset(range(len(mdp.choices)))
     match formula:
         case ("label", name):
@@ -108,7 +108,7 @@ def satisfying(mdp: SmallMDP, formula: Formula) -> States:
 
 
 def values(mdp: SmallMDP, formula: Formula) -> list[Fraction | None]:
-    """The value of the operator at the root of a formula in every state; None is infinite."""
+    """Return the value of the operator at the root of a formula in every state; None is infinite."""
     direction = formula[-4] or ("min" if formula[-3] in (">=", ">") else "max")
     best = max if direction == "max" else min
     if formula[0] == "P":
@@ -176,13 +176,13 @@ def _policies(mdp: SmallMDP) -> Iterator[tuple[int, ...]]:
 
 
 def _until(mdp: SmallMDP, allowed: States, goal: States, best: Any) -> list[Fraction]:
-    """The best probability of an until; one policy is best in all states, so states can be taken alone."""
+    """Return the best probability of an until; one policy is best in all states, so each stands alone."""
     found = [_reaching(_chain(mdp, policy), allowed, goal) for policy in _policies(mdp)]
     return [best(column) for column in zip(*found, strict=True)]
 
 
 def _reward_until(mdp: SmallMDP, goal: States, rewards: Any, best: Any) -> list[Fraction | None]:
-    """The best expected sum of rewards until the goal; infinite where it is not reached almost surely."""
+    """Return the best expected sum of rewards until the goal; infinite where it may not be reached."""
     everywhere = frozenset(range(len(mdp.choices)))
     columns: list[list[Fraction | None]] = [[] for _ in mdp.choices]
     for policy in _policies(mdp):
@@ -207,7 +207,7 @@ def _chain(mdp: SmallMDP, policy: tuple[int, ...]) -> list[dict[int, Fraction]]:
 
 
 def _reaching(chain: list[dict[int, Fraction]], allowed: States, goal: States) -> list[Fraction]:
-    """The probability of an until in a chain."""
+    """Return the probability of an until in a chain."""
     leading = set(goal)
     while more := {s for s in allowed if s not in leading and any(to in leading for to in chain[s])}:
         leading |= more

@@ -113,7 +113,7 @@ online:
 
 
 def write_case(folder: Path, text: str, name: str = "case.yaml") -> Path:
-    """The path of a file in `folder` with that text."""
+    """Return the path of a file in `folder` with that text."""
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path

@@ -21,7 +21,7 @@ def command(*arguments: object) -> list[str]:
 
 
 def merap(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """A call of `merap`, as `subprocess.run` reports it."""
+    """Call `merap`; return what `subprocess.run` reports."""
     words = ["merap", *map(str, arguments)]
     out, err = io.StringIO(), io.StringIO()
     with (
@@ -36,7 +36,7 @@ def merap(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def refused(*arguments: object) -> str:
-    """The one clear line of a refusal."""
+    """Return the one clear line of a refusal."""
     done = merap(*arguments)
     assert (done.returncode, done.stdout) == (2, ""), done
     (line,) = done.stderr.strip().splitlines()
@@ -78,7 +78,7 @@ class CommandLine:
         return done.out
 
     def refused(self, *arguments: object) -> str:
-        """The one clear line of a refusal."""
+        """Return the one clear line of a refusal."""
         done = self(*arguments)
         assert (done.code, done.out) == (2, ""), done
         (line,) = done.err.strip().splitlines()

@@ -21,7 +21,7 @@ def states_of(program: Program, exploration: Exploration) -> dict[int, State]:
 
 
 def choices_of(program: Program, exploration: Exploration) -> Choices:
-    """The choices of each state, a distribution as a set of pairs; probabilities to twelve digits."""
+    """Return the choices of each state, a distribution as a set of pairs; probabilities to twelve digits."""
     named = states_of(program, exploration)
     found: dict[tuple[int, int], dict[State, float]] = {}
     branches = exploration.branches

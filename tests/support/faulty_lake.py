@@ -152,7 +152,7 @@ class FaultyLake(FrozenLakeEnv):
 
 
 def register() -> str:
-    """The id; without the wrappers that look at what is answered."""
+    """Register the lake without the wrappers that look at answers; return its id."""
     if "FaultyLake-v0" not in gymnasium.registry:
         gymnasium.register(
             "FaultyLake-v0", entry_point=FaultyLake, disable_env_checker=True, max_episode_steps=100

@@ -58,7 +58,7 @@ def block(rows: tuple[int, int], columns: tuple[int, int]) -> list[Cell]:
 
 
 def grid_model(task: GridTask, slip: float = 0.0) -> TabularMDP:
-    """The canonical model: 81 cells and the completed state; rows of unreachable cells are empty.
+    """Return the canonical model: 81 cells and the completed state; rows of unreachable cells are empty.
 
     Args:
         task: goal and closed cells.

@@ -57,7 +57,7 @@ def number(value: float | str) -> Constant:
 
 
 def parsed(text: str, modes: tuple[str, ...] = ()) -> Expression:
-    """An expression with the names of modes replaced by their numbers."""
+    """Return an expression with the names of modes replaced by their numbers."""
     return fold(parse(text), {name: Fraction(index) for index, name in enumerate(modes)})
 
 
@@ -68,7 +68,7 @@ def grid_combination(
     goal: tuple[int, int] = (4, 4),
     size: int = SIZE,
 ) -> Combination:
-    """The paper's 9 x 9 world."""
+    """Return the paper's 9 x 9 world."""
     space = grid_space((size, size))
     empty = np.zeros(space.num_locations, dtype=np.bool_)
     start = cells((0, 0), size=size).astype(np.float64)
@@ -193,17 +193,17 @@ def graph_combination() -> Combination:
 
 
 def with_environment(combination: Combination, **changes: Any) -> Combination:
-    """The same with another environment."""
+    """Return the same with another environment."""
     return replace(combination, environment=replace(combination.environment, **changes))
 
 
 def with_capability(combination: Combination, **changes: Any) -> Combination:
-    """The same with another capability."""
+    """Return the same with another capability."""
     return replace(combination, capability=replace(combination.capability, **changes))
 
 
 def with_objective(combination: Combination, **changes: Any) -> Combination:
-    """The same with another objective."""
+    """Return the same with another objective."""
     return replace(combination, objective=replace(combination.objective, **changes))
 
 

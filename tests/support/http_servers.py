@@ -36,7 +36,7 @@ def served_system(combination: Combination, seed: int = 0, *, detect: bool = Fal
 
 @contextmanager
 def running(answering: uvicorn.Server) -> Iterator[str]:
-    """The URL of a server that runs in a thread until the end."""
+    """Yield the URL of a server that runs in a thread until the end."""
     with listening("127.0.0.1", 0) as listener:
         thread = threading.Thread(target=answering.run, kwargs={"sockets": [listener]})
         thread.start()
@@ -55,7 +55,7 @@ def serving(combination: Combination, seed: int = 0, *, detect: bool = False) ->
 
 @contextmanager
 def raw_server(answer: Connection) -> Iterator[str]:
-    """The URL of a server that hands every connection to `answer`, each in a thread of its own."""
+    """Yield the URL of a server that hands every connection to `answer`, each in a thread of its own."""
     listener = socket.create_server(("127.0.0.1", 0))
     open_connections: list[socket.socket] = []
 
@@ -114,7 +114,7 @@ def response(content: Any, status: str = "200 OK") -> bytes:
 
 
 def free_port() -> int:
-    """A port where nobody listens."""
+    """Return a port where nobody listens."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         return int(taken.getsockname()[1])
 

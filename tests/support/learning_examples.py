@@ -47,7 +47,7 @@ def grid_batch(slip: float = 0.0, dtype: torch.dtype = torch.float64) -> TaskBat
 
 
 def dense(tasks: TaskBatch, of_branches: Tensor) -> Tensor:
-    """float64 [N, S, A, S], numbers of branches [B] where these lead to, added up."""
+    """Return float64 [N, S, A, S], numbers of branches [B] where these lead to, added up."""
     shape = (*tasks.enabled.shape, tasks.num_states)
     number, choice, _, target = tasks.branches
     place = choice * tasks.num_states + target % tasks.num_states
@@ -60,7 +60,7 @@ def with_horizon(tasks: TaskBatch, horizon: int | list[int]) -> TaskBatch:
 
 
 def random_table(enabled: Tensor, seed: int) -> Tensor:
-    """float64 [N, S, A], a random distribution over the enabled actions; 0 where there is none."""
+    """Return float64 [N, S, A], a random distribution over the enabled actions; 0 where there is none."""
     drawn = torch.rand(enabled.shape, generator=seeded(seed), dtype=torch.float64) * enabled
     return drawn / drawn.sum(dim=-1, keepdim=True).clamp_min(1e-300)
 

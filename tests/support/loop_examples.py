@@ -27,7 +27,7 @@ def seen(
     truncated: bool = False,
     enabled: tuple[bool, ...] = (True,) * NUM_ACTIONS,
 ) -> Observation:
-    """An observation on the paper's grid."""
+    """Return an observation on the paper's grid."""
     return Observation(
         valuation=np.array([row, col, 0]),
         enabled=np.array(enabled),
@@ -105,7 +105,7 @@ def monitored(
     problems: tuple[str, ...] = (),
     last: bool = False,
 ) -> Monitored:
-    """A message of the monitor in the first episode, all actions enabled."""
+    """Return a message of the monitor in the first episode, all actions enabled."""
     return Monitored(
         episode=0,
         step=step,
@@ -120,7 +120,7 @@ def monitored(
 
 
 def episode_row(episode: int, stage: int, expected: float, earned: float = 4.0, **given: Any) -> EpisodeRow:
-    """An episode of 10 steps where 6 is the optimum: within 5 % of it means at least 5.7."""
+    """Return an episode of 10 steps where 6 is the optimum: within 5 % of it means at least 5.7."""
     return EpisodeRow(
         **{
             "episode": episode,

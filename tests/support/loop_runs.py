@@ -37,14 +37,14 @@ def scenario(folder: Path, text: str = MOVED, more: str = "") -> Scenario:
 
 
 def doubtful(run: RunFolder, found: Scenario, manager: str = "merap", guard: Guard = unguarded) -> Components:
-    """A loop whose trigger alarms at the first thing that its model holds impossible."""
+    """Return a loop whose trigger alarms at the first thing that its model holds impossible."""
     components = make_components(run, found, manager, guard=guard)
     analyzer = Analyzer(hypothesis_space(run.case), HORIZON, found.spec.strategy.updates, Doubtful())
     return replace(components, analyzer=analyzer)
 
 
 def timeless(report: LoopReport) -> Mapping[str, Any]:
-    """The report without what depends on the clock."""
+    """Return the report without what depends on the clock."""
     content = report.as_dict()
     del content["times"]
     return content

@@ -114,7 +114,7 @@ def gambler(heads: float = 0.4) -> TabularMDP:
 
 
 def end_component_trap() -> TabularMDP:
-    """An MDP whose naive upper bound of Pmax stays 1 (after Haddad and Monmege 2018).
+    """Return an MDP whose naive upper bound of Pmax stays 1 (after Haddad and Monmege 2018).
 
     States 0 and 1 can circle for ever; to leave is to win or lose with 1/2 each.
     """
@@ -136,7 +136,7 @@ def whole_paper_grid(
     start: State = (0, 0),
     slip: float = 0.0,
 ) -> TabularMDP:
-    """The paper's world as Storm builds it: variables row, col, done; only reachable states.
+    """Return the paper's world as Storm builds it: variables row, col, done; only reachable states.
 
     Each step costs 0.5, `stop` in the goal earns 10, any action in the goal sets done, where
     only `end` is left. With `slip` a move fails with that probability.
@@ -172,7 +172,7 @@ def whole_paper_grid(
 
 
 def grid_cells(size: int = 9) -> Ints:
-    """int64 [size * size, 2], the cells row by row: the canonical valuations of a grid."""
+    """Return int64 [size * size, 2], the cells row by row: the canonical valuations of a grid."""
     return np.stack(np.divmod(np.arange(size * size), size), axis=1)
 
 

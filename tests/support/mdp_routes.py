@@ -12,14 +12,14 @@ from tests.support.mdp_examples import State, make_mdp
 
 
 def random_policy(generator: np.random.Generator, mdp: TabularMDP) -> Floats:
-    """float64 [S, A], a distribution over the enabled actions of each state."""
+    """Return float64 [S, A], a distribution over the enabled actions of each state."""
     weights = np.where(mdp.enabled, generator.random(mdp.enabled.shape), 0.0)
     policy: Floats = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
     return policy
 
 
 def as_choices(mdp: TabularMDP) -> dict[State, dict[str, tuple[float, Mapping[State, float]]]]:
-    """The model as it is written for `make_mdp`, by a plain loop."""
+    """Return the model as it is written for `make_mdp`, by a plain loop."""
     states = [tuple(row) for row in mdp.valuations.tolist()]
     choices: dict[State, dict[str, tuple[float, Mapping[State, float]]]] = {state: {} for state in states}
     for choice in range(mdp.num_choices):
@@ -33,7 +33,7 @@ def as_choices(mdp: TabularMDP) -> dict[State, dict[str, tuple[float, Mapping[St
 
 
 def shuffled(generator: np.random.Generator, mdp: TabularMDP) -> TabularMDP:
-    """The same model with states, variables, choices, branches and actions in another order."""
+    """Return the same model with states, variables, choices, branches and actions in another order."""
     columns = generator.permutation(len(mdp.variable_names)).tolist()
 
     def moved(state: State) -> State:
@@ -66,7 +66,7 @@ def shuffled(generator: np.random.Generator, mdp: TabularMDP) -> TabularMDP:
 
 
 def dense(mdp: TabularMDP) -> tuple[Floats, Floats]:
-    """The second route: T [S, A, S] and r [S, A] as dense arrays, filled by a plain loop."""
+    """Return T [S, A, S] and r [S, A] as dense arrays, filled by a plain loop."""
     transition = np.zeros((mdp.num_states, mdp.num_actions, mdp.num_states))
     reward = np.zeros((mdp.num_states, mdp.num_actions))
     for state in range(mdp.num_states):

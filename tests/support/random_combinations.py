@@ -73,7 +73,7 @@ VALUES = (
 
 
 def random_combination(seed: int) -> Combination:
-    """The combination of a seed; names are `e<seed>.c.o`."""
+    """Return the combination of a seed; names are `e<seed>.c.o`."""
     generator = np.random.default_rng(seed)
     space = _grid(generator) if generator.random() < 0.4 else _graph(generator)
     start = _start(generator, space)

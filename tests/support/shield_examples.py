@@ -86,7 +86,7 @@ def enumerated_risk(choices: Sets, unsafe: Bools) -> Floats:
 
 
 def _reaching(chain: Floats, target: Bools) -> Floats:
-    """The probability of ever reaching the target in a Markov chain, by linear equations."""
+    """Return the probability of ever reaching the target in a Markov chain, by linear equations."""
     reaching = target.copy()
     for _ in range(len(chain)):
         reaching = target | ((chain > 0) @ reaching)
@@ -135,7 +135,7 @@ online:
 
 
 def gutter(folder: Path) -> CaseStudy:
-    """The case, written into a folder."""
+    """Return the case, written into a folder."""
     path = folder / "gutter.yaml"
     path.write_text(GUTTER, encoding="utf-8")
     return load_case(path)

@@ -28,7 +28,7 @@ rewards "steps" s>0 & s<{2 * n} : 1; endrewards
 
 
 def slow_case(n: int, properties: str) -> str:
-    """A case file; `properties` are lines of YAML, `name: 'property'`."""
+    """Return a case file; `properties` are lines of YAML, `name: 'property'`."""
     locations = "".join(f"    s{i}: [{i}, 0]\n" for i in range(2 * n + 1))
     left = "".join(f"    - [s{i}, s{i - 1}, out]\n    - [s{i}, s{n}, home]\n" for i in range(1, n))
     right = "".join(f"    - [s{i}, s{i + 1}, out]\n    - [s{i}, s{n}, home]\n" for i in range(n + 1, 2 * n))

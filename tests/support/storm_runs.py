@@ -8,7 +8,7 @@ import stormpy
 
 
 def storm_values(path: Path, formula: str) -> list[float]:
-    """The value of each state, iterated to a precision of 1e-12."""
+    """Return the value of each state, iterated to a precision of 1e-12."""
     model = stormpy.build_model_from_umb(str(path))
     env = stormpy.environments.default(model)
     env.solver().min_max().precision = stormpy.Rational("1/1000000000000")

@@ -19,7 +19,7 @@ def reading(
     gain: float = 0.0,
     policy_value: float = 10.0,
 ) -> Reading:
-    """A step at one place whose successor is `ratio` times as likely under each watched change."""
+    """Return a step at one place whose successor is `ratio` times as likely under each watched change."""
     return Reading(
         reward=reward,
         expected_reward=expected_reward,
@@ -34,14 +34,14 @@ def reading(
 
 
 def take_in(trigger: Trigger, one: Reading, *, last: bool) -> Alarm | None:
-    """A step, and the end of the episode if it is the last one; the alarm that either gives."""
+    """Take in a step, and the end of the episode if it is the last one; return an alarm of either."""
     alarm = trigger.observe(one)
     over = trigger.episode_over() if last else None
     return alarm or over
 
 
 def alarms(trigger: Trigger, readings: Readings) -> list[int]:
-    """The steps with an alarm, the trigger left to go on."""
+    """Return the steps with an alarm, the trigger left to go on."""
     return [
         step
         for step in range(len(readings))
@@ -50,7 +50,7 @@ def alarms(trigger: Trigger, readings: Readings) -> list[int]:
 
 
 def random_readings(generator: np.random.Generator, length: int, *, level: float, drift: float) -> Readings:
-    """A stream without a model behind it: evidence, gains and ends of episodes at random."""
+    """Return a stream without a model behind it: evidence, gains and ends of episodes at random."""
     return Readings(
         reward=generator.normal(drift, 1.0, length),
         expected_reward=np.zeros(length),

@@ -24,7 +24,7 @@ def doubles(*values: float) -> bytes:
 
 
 def standard_example() -> tuple[Index, Entries]:
-    """The worked example of the UMB standard (example/README.md), byte by byte as it lists them."""
+    """Return the worked example of the UMB standard (example/README.md), byte by byte as it lists them."""
     index: Index = {
         "format-version": 1,
         "format-revision": 0,
@@ -78,7 +78,7 @@ def standard_example() -> tuple[Index, Entries]:
 
 
 def tar_bytes(index: Index | bytes, entries: Mapping[str, bytes]) -> bytes:
-    """A tar file by another route than the one under test."""
+    """Return a tar file by another route than the one under test."""
     buffer = io.BytesIO()
     content = index if isinstance(index, bytes) else json.dumps(index).encode()
     with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as tar:

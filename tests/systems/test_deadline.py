@@ -131,7 +131,9 @@ def test_a_closed_one_leaves_no_thread_and_does_nothing_more() -> None:
         punctual.later(lambda: signal.wait(PATIENCE))
         left = punctual.later(lambda: done.append("too late"))
         assert threading.active_count() == before + 1
-        threading.Timer(0.01, signal.set).start()
+        timer = threading.Timer(0.01, signal.set)
+        timer.start()
+    timer.join()
     assert left.cancelled()
     assert threading.active_count() == before
     assert done == []
