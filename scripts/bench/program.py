@@ -22,7 +22,8 @@ from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.form import Program, closed
 from scripts.bench.evidence import evidence_figures
-from scripts.bench.learning import Json, report
+from scripts.bench.learning import report
+from scripts.bench.tables import Json
 
 T = TypeVar("T")
 SIDES, LENGTHS = (32, 100, 316, 1000), (1_000, 10_000, 100_000)
