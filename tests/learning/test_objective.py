@@ -3,106 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from typing import Literal
 
 import pytest
 import torch
-from torch import Tensor
 
 from merap.learning import objective
 from merap.learning.config import Activation, Estimator, Span, TrainingConfig
-from merap.learning.drawing import Drawn, Seen
 from merap.learning.episodes import drawn_episodes
 from merap.learning.exact import expected_return
 from merap.learning.gradient_step import StepRule, sampled_step
-from merap.learning.inner_loop import given
 from merap.learning.meta import step_rule
-from merap.learning.objective import OuterGradient, OuterObjective, outer_objective
-from merap.learning.policy import Parameters, PolicyNetwork, flat, policy_table, shaped, stack_parameters
-from merap.learning.tasks import TaskBatch
+from merap.learning.policy import PolicyNetwork, flat, policy_table, stack_parameters
 from tests.support.learning_examples import (
     RING_DISCOUNT,
     RING_HORIZON,
     random_parameters,
-    ring_batch,
     seeded,
     with_horizon,
 )
-
-SEED = 17
-VARIANCE = torch.tensor(3.0, dtype=torch.float64)
-LOG_SIZES = -1 + 0.2 * torch.arange(4, dtype=torch.float64)
-Order = Literal[1, 2]
-
-
-def _config(
-    estimator: Estimator = "exact",
-    inner_steps: int = 1,
-    order: Order = 2,
-    activation: Activation = "softplus",
-    span: Span = "horizon",
-) -> TrainingConfig:
-    return TrainingConfig(
-        estimator=estimator,
-        inner_steps=inner_steps,
-        order=order,
-        episodes=12,
-        hidden=(4,),
-        activation=activation,
-        span=span,
-    )
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Three tasks, a policy, and how it is adapted."""
-
-    config: TrainingConfig
-    tasks: TaskBatch
-    network: PolicyNetwork
-    theta: Tensor
-
-    @property
-    def objective(self) -> OuterObjective:
-        return outer_objective(self.tasks, self.network, self.config, torch.get_num_threads())
-
-    def drawn(self) -> tuple[OuterGradient, list[Drawn], Seen]:
-        rule = step_rule(self.config, self.tasks.discount).advantage_rule(VARIANCE)
-        drawn, seen, gradient = self.objective.draw(self.theta, LOG_SIZES, rule, self.config, seeded(SEED))
-        return gradient or self.objective.gradient(self.theta, LOG_SIZES, drawn), drawn, seen
-
-    def worth(self, theta: Tensor, log_sizes: Tensor, drawn: list[Drawn]) -> float:
-        return self.objective.judge(theta, log_sizes, drawn)[0]
-
-    def adapted(self, drawn: list[Drawn]) -> Parameters:
-        (loop,) = self.objective.loops
-        return loop.adapt(self.parameters, LOG_SIZES.exp().unbind(), given(drawn[0].losses))
-
-    @property
-    def parameters(self) -> Parameters:
-        return shaped(self.theta, self.network)
-
-
-def _setting(config: TrainingConfig) -> Setting:
-    tasks = ring_batch()
-    network = PolicyNetwork(tasks.num_states, tasks.num_actions, config.hidden, config.activation)
-    return Setting(config, tasks, network, flat(random_parameters(network, 0)))
-
-
-def _slopes(value: Callable[[Tensor], float], at: Tensor) -> Tensor:
-    """Central differences in every entry."""
-    step = 1e-5
-    shifts = step * torch.eye(len(at), dtype=at.dtype)
-    slopes = [(value(at + shift) - value(at - shift)) / (2 * step) for shift in shifts]
-    return torch.tensor(slopes, dtype=at.dtype)
-
-
-def _relative_error(found: Tensor, expected: Tensor) -> float:
-    return float((found - expected).norm() / expected.norm())
-
+from tests.support.outer_objectives import (
+    LOG_SIZES,
+    SEED,
+    VARIANCE,
+    Order,
+    Setting,
+    make_config,
+    make_setting,
+    relative_error,
+    slopes_of,
+)
 
 CASES = [
     *product(("exact", "sampled"), (1, 3), ("softplus", "tanh"), ("horizon",)),
@@ -115,12 +46,12 @@ def test_the_meta_gradient_is_the_slope_with_what_was_drawn_held(
     estimator: Estimator, inner_steps: int, activation: Activation, span: Span
 ) -> None:
     """Second order, in theta and log alpha: episodes, their noise and old log-probabilities are fixed."""
-    setting = _setting(_config(estimator, inner_steps, activation=activation, span=span))
+    setting = make_setting(make_config(estimator, inner_steps, activation=activation, span=span))
     gradient, drawn, _ = setting.drawn()
-    in_theta = _slopes(lambda theta: setting.worth(theta, LOG_SIZES, drawn), setting.theta)
-    in_sizes = _slopes(lambda log: setting.worth(setting.theta, log, drawn), LOG_SIZES)
-    assert _relative_error(gradient.theta, in_theta) < 1e-6
-    assert _relative_error(gradient.sizes, in_sizes) < 1e-6
+    in_theta = slopes_of(lambda theta: setting.worth(theta, LOG_SIZES, drawn), setting.theta)
+    in_sizes = slopes_of(lambda log: setting.worth(setting.theta, log, drawn), LOG_SIZES)
+    assert relative_error(gradient.theta, in_theta) < 1e-6
+    assert relative_error(gradient.sizes, in_sizes) < 1e-6
     again = setting.objective.gradient(setting.theta, LOG_SIZES, drawn)
     torch.testing.assert_close(again.theta, gradient.theta, rtol=1e-10, atol=1e-12)
     torch.testing.assert_close(again.sizes, gradient.sizes, rtol=1e-10, atol=1e-12)
@@ -129,12 +60,12 @@ def test_the_meta_gradient_is_the_slope_with_what_was_drawn_held(
 @pytest.mark.parametrize("estimator", ["exact", "sampled"])
 def test_repeated_gradients_are_slopes_elsewhere(estimator: Estimator) -> None:
     """As outer_repeats takes them: away from where episodes were drawn, ratios are no longer 1."""
-    setting = _setting(_config(estimator, 2))
+    setting = make_setting(make_config(estimator, 2))
     _, drawn, _ = setting.drawn()
     elsewhere = setting.theta + 0.05 * torch.randn(setting.theta.shape, generator=seeded(3)).double()
     found = setting.objective.gradient(elsewhere, LOG_SIZES, drawn)
-    slopes = _slopes(lambda theta: setting.worth(theta, LOG_SIZES, drawn), elsewhere)
-    assert _relative_error(found.theta, slopes) < 1e-6
+    slopes = slopes_of(lambda theta: setting.worth(theta, LOG_SIZES, drawn), elsewhere)
+    assert relative_error(found.theta, slopes) < 1e-6
 
 
 @pytest.mark.parametrize("inner_steps", [1, 3])
@@ -143,7 +74,7 @@ def test_first_order_is_the_outer_gradient_at_the_adapted_parameters(
     estimator: Estimator, inner_steps: int
 ) -> None:
     """And no gradient of the adapted worth."""
-    setting = _setting(_config(estimator, inner_steps, order=1))
+    setting = make_setting(make_config(estimator, inner_steps, order=1))
     gradient, drawn, _ = setting.drawn()
     leaves = {name: value.requires_grad_() for name, value in setting.adapted(drawn).items()}
     table = policy_table(setting.network, leaves, setting.tasks.enabled)
@@ -152,16 +83,16 @@ def test_first_order_is_the_outer_gradient_at_the_adapted_parameters(
     outer = torch.autograd.grad(earned.sum() / 3, tuple(leaves.values()))
     expected = torch.cat([part.sum(dim=0).flatten() for part in outer])
     torch.testing.assert_close(gradient.theta, expected, rtol=1e-10, atol=1e-12)
-    slopes = _slopes(lambda theta: setting.worth(theta, LOG_SIZES, drawn), setting.theta)
-    assert _relative_error(gradient.theta, slopes) > 0.01
+    slopes = slopes_of(lambda theta: setting.worth(theta, LOG_SIZES, drawn), setting.theta)
+    assert relative_error(gradient.theta, slopes) > 0.01
 
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("estimator", ["exact", "sampled"])
 def test_curvature_is_that_of_the_divergence(estimator: Estimator, order: Order) -> None:
     """KL(theta + h u) = h^2 u' F u / 2 + O(h^3); both signs of h cancel the odd term."""
-    config = _config(estimator, 2, order).model_copy(update={"outer": "trpo"})
-    setting = _setting(config)
+    config = make_config(estimator, 2, order).model_copy(update={"outer": "trpo"})
+    setting = make_setting(config)
     _, drawn, _ = setting.drawn()
     whole = setting.objective
     product_with = whole.curvature(setting.theta, LOG_SIZES, drawn)
@@ -181,7 +112,7 @@ def test_curvature_is_that_of_the_divergence(estimator: Estimator, order: Order)
 @pytest.mark.parametrize("estimator", ["exact", "sampled"])
 def test_an_inner_step_goes_where_the_online_step_goes(estimator: Estimator) -> None:
     """Expectation and noise add up to the step from the same episodes (`gradient_step`)."""
-    setting = _setting(_config(estimator))
+    setting = make_setting(make_config(estimator))
     _, drawn, _ = setting.drawn()
     found = setting.adapted(drawn)
     rule = step_rule(setting.config, RING_DISCOUNT)
@@ -203,7 +134,7 @@ def drawn_rounds(setting: Setting) -> int:
 
 
 def test_without_noise_a_step_follows_the_gradient_of_the_exact_return() -> None:
-    setting = _setting(_config().model_copy(update={"sampling_noise": False}))
+    setting = make_setting(make_config().model_copy(update={"sampling_noise": False}))
     _, drawn, _ = setting.drawn()
     leaves = {
         name: value.clone().requires_grad_()
@@ -222,7 +153,7 @@ def test_without_noise_a_step_follows_the_gradient_of_the_exact_return() -> None
 
 
 def test_what_is_seen_is_what_the_policies_earn() -> None:
-    setting = _setting(_config(inner_steps=2))
+    setting = make_setting(make_config(inner_steps=2))
     _, drawn, seen = setting.drawn()
     start = stack_parameters(setting.parameters, 3)
     table = policy_table(setting.network, start, setting.tasks.enabled)
@@ -236,7 +167,7 @@ def test_what_is_seen_is_what_the_policies_earn() -> None:
 
 
 def test_sampled_returns_are_those_of_the_episodes() -> None:
-    setting = _setting(_config("sampled"))
+    setting = make_setting(make_config("sampled"))
     _, _, seen = setting.drawn()
     start = stack_parameters(setting.parameters, 3)
     draws = torch.rand((3, 2, 12, RING_HORIZON + 1), generator=seeded(SEED), dtype=torch.float64)
@@ -247,7 +178,7 @@ def test_sampled_returns_are_those_of_the_episodes() -> None:
 
 
 def test_entropy_and_its_gradient_are_those_over_the_steps_of_the_first_episodes() -> None:
-    setting = _setting(_config(inner_steps=3))
+    setting = make_setting(make_config(inner_steps=3))
     _, drawn, seen = setting.drawn()
     leaves = {name: value.clone().requires_grad_() for name, value in setting.parameters.items()}
     table = policy_table(setting.network, leaves, setting.tasks.enabled)
@@ -266,7 +197,7 @@ def test_entropy_and_its_gradient_are_those_over_the_steps_of_the_first_episodes
 
 def test_the_entropy_of_the_uniform_policy() -> None:
     """The first step of the ring has 4 actions at location S or A: the entropy is log 4."""
-    setting = _setting(_config())
+    setting = make_setting(make_config())
     tasks = with_horizon(setting.tasks, 1)
     uniform = Setting(setting.config, tasks, setting.network, torch.zeros_like(setting.theta))
     assert set(tasks.enabled[tasks.initial > 0].sum(dim=-1).tolist()) == {4}
@@ -278,8 +209,8 @@ def test_ranges_and_threads_change_nothing_but_rounding(
     monkeypatch: pytest.MonkeyPatch, estimator: Estimator
 ) -> None:
     """20 tasks in three ranges: each task's share is the same, and sums are in order."""
-    config = _config(estimator).model_copy(update={"outer": "trpo"})
-    setting = _setting(config)
+    config = make_config(estimator).model_copy(update={"outer": "trpo"})
+    setting = make_setting(config)
     many = Setting(config, setting.tasks[torch.arange(20) % 3], setting.network, setting.theta)
     whole, drawn, seen = many.drawn()
     direction = torch.randn(setting.theta.shape, generator=seeded(1), dtype=torch.float64)
@@ -295,15 +226,15 @@ def test_ranges_and_threads_change_nothing_but_rounding(
     for gradient, parts, other in found:
         assert torch.equal(found[0][0].theta, gradient.theta)
         assert torch.equal(found[0][0].sizes, gradient.sizes)
-        assert _relative_error(gradient.theta, whole.theta) < 1e-12
+        assert relative_error(gradient.theta, whole.theta) < 1e-12
         torch.testing.assert_close(other.adapted_return, seen.adapted_return, rtol=1e-12, atol=0)
         in_ranges = many.objective.curvature(setting.theta, LOG_SIZES, parts)(direction)
-        assert _relative_error(in_ranges, product_with) < 1e-10
+        assert relative_error(in_ranges, product_with) < 1e-10
 
 
 def test_a_short_step_from_many_episodes_improves_the_return() -> None:
-    config = _config().model_copy(update={"episodes": 2_000})
-    setting = _setting(config)
+    config = make_config().model_copy(update={"episodes": 2_000})
+    setting = make_setting(config)
     rule = step_rule(config, RING_DISCOUNT).advantage_rule(VARIANCE)
     _, seen, _ = setting.objective.draw(setting.theta, LOG_SIZES - 2, rule, config, seeded(SEED))
     assert seen.adapted_return.mean() > seen.meta_return.mean() + 0.01
@@ -325,7 +256,7 @@ def test_the_rule_holds_the_settings() -> None:
 @pytest.mark.parametrize("features", [False, True])
 def test_where_nobody_was_nothing_counts(features: bool) -> None:
     """Gradient, worth and curvature on the states that episodes have seen are those on all states."""
-    setting = _setting(_config("sampled", 2).model_copy(update={"episodes": 2}))
+    setting = make_setting(make_config("sampled", 2).model_copy(update={"episodes": 2}))
     if features:
         table = torch.randn(setting.tasks.num_states, 5, generator=seeded(1), dtype=torch.float64)
         network = PolicyNetwork(setting.tasks.num_states, 6, (4,), "softplus", table)

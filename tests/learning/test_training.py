@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -26,9 +26,11 @@ from merap.runs.train import begin_run, resume, train_run
 from tests.support.grid_tasks import DISCOUNT, HORIZON, grid_model, grid_task
 from tests.support.trained_runs import (
     SMALL,
+    InterruptionError,
     checkpoint_update,
     contents,
     grid_case,
+    interrupt_at,
     trained,
     what_was_learned,
 )
@@ -53,18 +55,6 @@ def tasks() -> TaskBatch:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return trained(tmp_path_factory.mktemp("runs") / "undisturbed", CONFIG).path
-
-
-class InterruptionError(Exception):
-    """What ends training in the middle."""
-
-
-def interrupt_at(update: int) -> Callable[[UpdateMetrics], None]:
-    def on_update(metrics: UpdateMetrics) -> None:
-        if metrics.update == update:
-            raise InterruptionError
-
-    return on_update
 
 
 def same(one: MetaPolicy, other: MetaPolicy) -> bool:

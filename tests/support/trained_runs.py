@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from safetensors.numpy import load_file
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.learning.config import TrainingConfig
+from merap.learning.progress import UpdateMetrics
 from merap.runs.checkpoint import CHECKPOINT_FILE, METRICS_FILE, POLICY_FILE
 from merap.runs.run_folder import RunFolder
 from merap.runs.train import train
@@ -52,3 +53,15 @@ def checkpoint_update(run: Path) -> int:
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file below a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+class InterruptionError(Exception):
+    """What ends training in the middle."""
+
+
+def interrupt_at(update: int) -> Callable[[UpdateMetrics], None]:
+    def on_update(metrics: UpdateMetrics) -> None:
+        if metrics.update == update:
+            raise InterruptionError
+
+    return on_update
