@@ -117,7 +117,8 @@ def table(expression: Expression, domains: Domains) -> Expression:
             continue
         assert isinstance(folded, Constant)
         leaves.append(folded.value)
-    return _tree(names, ranges, _filled(leaves))
+    nothing: Value = False if is_truth(expression, domains) else Fraction(0)
+    return _tree(names, ranges, _filled(leaves, nothing))
 
 
 def is_truth(expression: Expression, domains: Domains) -> bool:
@@ -139,10 +140,10 @@ def _values(domain: tuple[int, int] | None) -> list[Value]:
     return [Fraction(value) for value in range(domain[0], domain[1] + 1)]
 
 
-def _filled(leaves: list[Value | None]) -> list[Value]:
+def _filled(leaves: list[Value | None], nothing: Value) -> list[Value]:
     """Where the value is undefined any will do: take the one before, so that runs get long."""
     known = [leaf for leaf in leaves if leaf is not None]
-    last = known[0] if known else Fraction(0)
+    last = known[0] if known else nothing
     filled = []
     for leaf in leaves:
         last = last if leaf is None else leaf

@@ -30,8 +30,8 @@ from merap.program.expressions import (
 )
 from merap.program.expressions.operators import NEAREST
 
-# Bytes of results that are kept for states that are met again.
-MAX_KEPT = 1 << 26
+# Bytes of results that are kept for states that are met again, and what each takes besides its arrays.
+MAX_KEPT, OVERHEAD = 1 << 26, 500
 # Values [..] that broadcast to the hypotheses, and where they are defined.
 Evaluated: TypeAlias = tuple[npt.NDArray[Any], Bools]
 NOTHING_VARIES: Mapping[str, Column] = {}
@@ -148,7 +148,7 @@ class PointEvaluator:
         key = (evaluate, id(expression), *(known.get(name) for name in names))
         if key not in self._kept:
             found = self._computed(evaluate, expression, known, self.hypotheses)
-            self._bytes += sum(part.nbytes for part in found)
+            self._bytes += OVERHEAD + sum(part.nbytes for part in found)
             if self._bytes > MAX_KEPT:
                 self._kept.clear()
                 self._bytes = 0

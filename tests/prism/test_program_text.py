@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from merap.errors import InputError, ModelError
 from merap.prism.program_text import render_program
 from merap.program.arrays import ambiguous_actions, tabular
 from merap.program.exploration import explore
+from merap.program.expressions import parse
 from merap.program.form import Program
 from tests.support.explored import choices_of
 from tests.support.programs import ONE_COIN, programs
@@ -45,6 +47,14 @@ def test_a_decision_on_decimals_is_one_on_whole_numbers(folder: Path) -> None:
     assert 'label "goal" = x <= 3 & x > 2;' in text
     model = built(folder, text)
     assert len(list(model.labeling.get_states("goal"))) == 1
+
+
+def test_a_condition_that_is_defined_nowhere_stays_a_condition(folder: Path) -> None:
+    # the right side is undefined everywhere, and never looked at
+    guarded = replace(ONE_COIN, labels={"goal": parse("x <= 3 | 1 / (x - x) > 1")})
+    text = render_program(guarded)
+    assert 'label "goal" = x <= 3 | false;' in text
+    assert len(list(built(folder, text).labeling.get_states("goal"))) == 4
 
 
 def test_the_arrays_have_names_labels_and_rewards() -> None:

@@ -18,13 +18,10 @@ from merap.program.expressions import (
     Variable,
     check,
     evaluate,
-    evaluate_where_defined,
-    evaluate_whole,
     exact,
     fold,
     parse,
     render,
-    tabulate,
     variables,
 )
 
@@ -83,19 +80,6 @@ def test_constants_are_put_in() -> None:
     assert render(fold(parse("x > n ? a : b"), {"n": Fraction(2), "a": True})) == "x > 2 ? true : b"
     assert render(fold(parse("strong ? x : 1 / 0"), {"strong": True})) == "x"
     assert render(fold(parse("strong & b"), {"strong": True})) == "b"
-
-
-@pytest.mark.parametrize(
-    ("text", "folded"),
-    [
-        ("x > 0 & 1 / n > 1", "x > 0 & 1 / 0 > 1"),
-        ("x > 0 | 1 / n > 1", "x > 0 | 1 / 0 > 1"),
-        ("x > 0 => 1 / n > 1", "x > 0 => 1 / 0 > 1"),
-        ("x > 0 ? 1 / n : 1 + 1", "x > 0 ? 1 / 0 : 2"),
-    ],
-)
-def test_an_undefined_part_stays_where_it_may_never_be_needed(text: str, folded: str) -> None:
-    assert render(fold(parse(text), {"n": Fraction(0)})) == folded
 
 
 @pytest.mark.parametrize(
@@ -187,38 +171,6 @@ def test_each_side_of_a_choice_is_evaluated_only_where_it_is_taken() -> None:
     x = np.array([0.0, 2.0, 4.0])
     np.testing.assert_array_equal(evaluate(parse("x > 0 ? 8 / x : -1"), {"x": x}), [-1, 4, 2])
     np.testing.assert_array_equal(evaluate(parse("y ? 8 / x : 0"), {"x": x, "y": x > 0}), [0, 4, 2])
-
-
-@pytest.mark.parametrize(
-    ("text", "expected", "defined"),
-    [
-        ("x > 0 & 8 / x > 2", [False, True, False], [True, True, True]),
-        ("x <= 0 | 8 / x > 2", [True, True, False], [True, True, True]),
-        ("x > 0 => 8 / x > 2", [True, True, False], [True, True, True]),
-        ("8 / x > 2 & x > 0", [None, True, False], [False, True, True]),
-        ("x >= 0 & 8 / x > 2", [None, True, False], [False, True, True]),
-        ("(8 / x > 2 | true) => x = 2", [None, True, False], [False, True, True]),
-    ],
-)
-def test_the_right_side_counts_only_where_the_left_one_does_not_decide(
-    text: str, expected: list[bool | None], defined: list[bool]
-) -> None:
-    scope = {"x": np.array([0, 2, 4])}
-    values, found = evaluate_where_defined(parse(text), scope)
-    assert found.tolist() == defined
-    assert [
-        value if known else None for value, known in zip(values.tolist(), defined, strict=True)
-    ] == expected
-    numbers, known = evaluate_whole(parse(text), scope)
-    assert known.tolist() == defined
-    assert numbers[known].tolist() == [int(value) for value in expected if value is not None]
-    listed, codes = tabulate(parse(text), scope)
-    assert [listed[code] for code in codes] == expected
-    if all(defined):
-        assert evaluate(parse(text), scope).tolist() == expected
-    else:
-        with pytest.raises(InputError, match=r"division by zero for some attribute values \(x = 0\)"):
-            evaluate(parse(text), scope)
 
 
 def test_evaluation_broadcasts() -> None:
