@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from merap.checker.exchange import ModelText
 from merap.concerns.combination import Combination
+from merap.concerns.composition import compose
 from merap.prism.rendering import render
+from merap.program.exploration import initial_states
+from merap.program.states import Encoding
 
 
 def model_text(combination: Combination) -> ModelText:
     """Render a combination."""
-    starts = np.flatnonzero(combination.objective.start)
+    program = compose(combination)
+    encoding = Encoding(program.variables)
+    codes, weights = initial_states(program, encoding)
     return ModelText(
         name=combination.name,
         text=render(combination),
-        variables=combination.space.variable_names,
-        starts=combination.space.valuations[starts],
-        weights=combination.objective.start[starts],
+        variables=tuple(variable.name for variable in program.variables),
+        starts=encoding.valuations(codes),
+        weights=weights,
     )

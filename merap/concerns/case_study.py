@@ -20,7 +20,7 @@ from merap.concerns.resolve_space import resolve_space
 from merap.concerns.space import Space
 from merap.concerns.supports import Supports
 from merap.concerns.systems import SystemReader
-from merap.concerns.vocabulary import action_names, check_vocabulary, mode_names
+from merap.concerns.vocabulary import action_names, check_vocabulary, declared_variables, mode_names
 from merap.concerns.warnings import idle_rules, unused_parameters
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
@@ -205,7 +205,13 @@ def load_case(path: str | PathLike[str]) -> CaseStudy:
     file, document, spec = read_case(as_path(path, "case"))
     space = resolve_space(document, spec.space)
     check_vocabulary(document, spec, space)
-    context = ResolutionContext(document, space, mode_names(spec.capability), action_names(spec.capability))
+    context = ResolutionContext(
+        document,
+        space,
+        mode_names(spec.capability),
+        action_names(spec.capability),
+        declared_variables(document, spec, space),
+    )
     resolvers = make_resolvers(context, spec)
     supports = make_supports(context, spec, resolvers)
     check_pair = DistributionCheck(context)

@@ -10,7 +10,7 @@ import numpy as np
 
 from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
-from merap.concerns.resolution_context import ResolutionContext
+from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.space import Attribute
 from merap.concerns.supports import Configurations
 from merap.errors import InputError
@@ -43,7 +43,10 @@ class DistributionCheck(ShortRepr):
         if key in self._checked:
             return
         modes = np.flatnonzero(capability.terminal(len(self.context.modes)))
+        processes = set(self.context.variables)
         for action in capability.external:
+            if processes & names_in([outcome.probability for outcome in action.outcomes]):
+                continue  # found out in the states that can be reached
             for steps in _steps(self.context, environment.attributes, action, modes):
                 self._check_action(environment, capability, action, steps)
         self._checked[key] = None

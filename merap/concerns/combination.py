@@ -13,11 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from merap.concerns.processes import DeclaredProcess
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Expression
+from merap.program.form import TRUE
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]
@@ -33,6 +35,7 @@ class Environment(ShortRepr):
         blocked: bool [P], locations that are obstructed.
         blocked_edges: bool [P, L], edges that are obstructed.
         attributes: of the locations, as this configuration sets them.
+        processes: of the environment, in declared order.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Environment(ShortRepr):
     blocked: Bools
     blocked_edges: Bools
     attributes: tuple[Attribute, ...]
+    processes: tuple[DeclaredProcess, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,11 +68,13 @@ class ExternalAction(ShortRepr):
         name: of the action.
         outcomes: the first is the intended one.
         on_blocked: a blocked move stays, or disables the action if it is the intended one.
+        requires: condition on the state: where it does not hold the action is disabled.
     """
 
     name: str
     outcomes: tuple[Outcome, ...]
     on_blocked: Literal["stay", "disable"]
+    requires: Expression = TRUE
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,6 +121,7 @@ class Capability(ShortRepr):
         no_entry: bool [P], locations this system can't enter.
         external: the external actions it has.
         innate: its automaton; None: one mode, terminal.
+        processes: of the capability, in declared order.
     """
 
     name: str
@@ -122,6 +129,7 @@ class Capability(ShortRepr):
     no_entry: Bools
     external: tuple[ExternalAction, ...]
     innate: Innate | None
+    processes: tuple[DeclaredProcess, ...] = ()
 
     @property
     def initial_mode(self) -> int:
@@ -180,6 +188,7 @@ class Objective(ShortRepr):
         ends_in: states (location and mode) that are complete; None: none.
         unsafe: states (location, mode, attributes) to avoid; None: none.
         properties: name -> PRISM property.
+        processes: of the objective, in declared order: they watch, and draw nothing.
     """
 
     name: str
@@ -192,6 +201,7 @@ class Objective(ShortRepr):
     ends_in: Condition | None
     unsafe: Condition | None
     properties: Mapping[str, str] = field(default_factory=dict)
+    processes: tuple[DeclaredProcess, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,6 +231,11 @@ class Combination(ShortRepr):
     discount: float
     digest: str
     reset: ResetMode = "episodes"
+
+    @property
+    def processes(self) -> tuple[DeclaredProcess, ...]:
+        """What changes beside location, mode and completion, in order of declaration."""
+        return (*self.environment.processes, *self.capability.processes, *self.objective.processes)
 
     @property
     def action_names(self) -> tuple[str, ...]:

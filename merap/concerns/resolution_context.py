@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,8 @@ from merap.errors import InputError
 from merap.mdp.model import Bools
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Kind, Value, check, exact, parse
+from merap.program.expressions import Constant, Expression, Kind, Value, check, exact, parse, variables
+from merap.program.form import ConcernName, StateVariable
 from merap.program.names import suggestion
 
 
@@ -36,20 +37,30 @@ class ResolutionContext(ShortRepr):
         space: the locations.
         modes: Q names.
         actions: names of external, innate and `start_*` actions.
+        variables: those of processes by name, with the concern that owns them.
     """
 
     document: Document
     space: Space
     modes: tuple[str, ...]
     actions: tuple[str, ...]
+    variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
 
-    def variable_kinds(self, *, primed: tuple[str, ...] = ()) -> dict[str, Kind]:
-        """Return the types of the attributes, the mode and the names of modes.
+    def variable_kinds(
+        self, *, primed: tuple[str, ...] = (), reader: ConcernName = "objective"
+    ) -> dict[str, Kind]:
+        """Return the types of attributes, mode, variables of processes, and names of modes and values.
 
         Args:
-            primed: `attributes` and `mode`, if they may be read of the successor too.
+            primed: `attributes`, `mode` and `processes`, if they may be read of the successor too.
+            reader: who reads; environment and capability read nothing of the objective.
         """
-        kinds: dict[str, Kind] = dict.fromkeys((MODE_VARIABLE, *self.modes), "number")
+        kinds: dict[str, Kind] = dict.fromkeys((MODE_VARIABLE, *self.modes, *self.named_values), "number")
+        for name, (owner, variable) in self.variables.items():
+            if reader == "objective" or owner != "objective":
+                kinds[name] = "bool" if variable.kind == "bool" else "number"
+                if "processes" in primed:
+                    kinds[f"{name}'"] = kinds[name]
         for attribute in self.space.attributes:
             kinds[attribute.name] = "bool" if attribute.kind == "bool" else "number"
             if "attributes" in primed:
@@ -76,9 +87,18 @@ class ResolutionContext(ShortRepr):
             return expression
 
     @cached_property
-    def mode_constants(self) -> dict[str, Value]:
-        """Name of a mode -> its number."""
-        return {name: exact(index) for index, name in enumerate(self.modes)}
+    def named_values(self) -> dict[str, Value]:
+        """Name of a variable's value -> its number."""
+        return {
+            name: exact(variable.low + index)
+            for _, variable in self.variables.values()
+            for index, name in enumerate(variable.values)
+        }
+
+    @cached_property
+    def named_constants(self) -> dict[str, Value]:
+        """Name of a mode or of a variable's value -> its number."""
+        return {name: exact(index) for index, name in enumerate(self.modes)} | self.named_values
 
     def mode_mask(self, path: KeyPath, names: tuple[str, ...] | None) -> Bools | None:
         """bool [Q], the modes called so; None for None.
@@ -139,3 +159,9 @@ def frozen(array: Bools) -> Bools:
 def expression_kinds(types: ParameterTypes) -> dict[str, Kind]:
     """Return the types of the parameters that expressions can read."""
     return {name: EXPRESSION_KINDS[kind] for name, kind in types.items() if kind in EXPRESSION_KINDS}
+
+
+def names_in(expressions: list[Expression]) -> set[str]:
+    """Return the names of the variables in some expressions, without primes."""
+    read = (variable for expression in expressions for variable in variables(expression))
+    return {variable.name.removesuffix("'") for variable in read}

@@ -10,13 +10,14 @@ from typing import Literal
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
 from merap.concerns.document import KeyPath
 from merap.concerns.parameters import Values, constants, held_locations, present_all
-from merap.concerns.resolution_context import ResolutionContext, expression_kinds
+from merap.concerns.resolution_context import ResolutionContext, expression_kinds, names_in
+from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.schema import CapabilitySpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
+from merap.program.expressions import Constant, Expression, Operation, Value, fold
 from merap.program.names import suggestion
 
 NO_ENTRY = "no_entry"
@@ -67,10 +68,12 @@ class CapabilityResolver:
         self.kinds = expression_kinds(spec.parameters)
         self.actions = tuple(self._action(name, entry) for name, entry in spec.actions.items())
         self.innate = self._innate(spec.innate) if spec.innate is not None else None
+        self.processes = ProcessResolver(context, "capability", spec.processes, self.kinds)
 
     def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
         path = ("capability", "actions", name)
-        requires = self.context.compile((*path, "requires"), spec.requires, self.kinds, "bool")
+        states = {**self.kinds, **self.context.variable_kinds(reader="capability")}
+        requires = self.context.compile((*path, "requires"), spec.requires, states, "bool")
         if spec.outcomes is not None:
             outcomes = self._listed_outcomes((*path, "outcomes"), spec.outcomes)
         elif spec.move is not None:
@@ -100,7 +103,7 @@ class CapabilityResolver:
         )
 
     def _probability(self, path: KeyPath, given: float | str) -> Expression:
-        kinds = {**self.kinds, **self.context.variable_kinds(primed=("attributes",))}
+        kinds = {**self.kinds, **self.context.variable_kinds(primed=("attributes",), reader="capability")}
         return self.context.compile(path, given, kinds, "number")
 
     def _move(self, path: KeyPath, label: str) -> int | None:
@@ -157,7 +160,7 @@ class CapabilityResolver:
         Raises:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
-        known = {**self.context.mode_constants, **constants(self.spec.parameters, values)}
+        known = {**self.context.named_constants, **constants(self.spec.parameters, values)}
         external = [self._fold_action(template, name, known) for template in self.actions]
         return Capability(
             name=name,
@@ -165,6 +168,7 @@ class CapabilityResolver:
             no_entry=self.context.mask(held_locations(values, NO_ENTRY)),
             external=tuple(action for action in external if action is not None),
             innate=self._fold_innate(name, known),
+            processes=self.processes(name, known),
         )
 
     def _fold(
@@ -182,7 +186,9 @@ class CapabilityResolver:
     def _fold_action(
         self, template: ActionTemplate, name: str, known: Mapping[str, Value]
     ) -> ExternalAction | None:
-        if not self._holds(("capability", "actions", template.name), name, template.requires, known):
+        path = ("capability", "actions", template.name, "requires")
+        requires = self._fold(path, name, template.requires, known)
+        if requires == Constant(False):
             return None
         outcomes = [
             Outcome(outcome.move, self._fold(outcome.path, name, outcome.probability, known))
@@ -190,7 +196,7 @@ class CapabilityResolver:
         ]
         # The first outcome says what is intended, so it stays even if it is impossible.
         likely = [outcome for outcome in outcomes[1:] if outcome.probability != Constant(Fraction(0))]
-        return ExternalAction(template.name, (outcomes[0], *likely), template.on_blocked)
+        return ExternalAction(template.name, (outcomes[0], *likely), template.on_blocked, requires)
 
     def _fold_innate(self, name: str, known: Mapping[str, Value]) -> Innate | None:
         template, spec = self.innate, self.spec.innate
@@ -235,15 +241,10 @@ class CapabilityResolver:
     def names_read(self) -> set[str]:
         """Return the names of the parameters that expressions read."""
         found = [template.requires for template in self.actions]
+        found += self.processes.expressions
         found += [outcome.probability for template in self.actions for outcome in template.outcomes]
         if self.innate is not None:
             found.append(self.innate.requires)
             rows = [row for rows in self.innate.actions.values() for row in rows.values()]
             found += [expression for row in rows for expression in row.values()]
         return names_in(found)
-
-
-def names_in(expressions: list[Expression]) -> set[str]:
-    """Return the names of the variables in some expressions, without primes."""
-    read: list[Variable] = [variable for expression in expressions for variable in variables(expression)]
-    return {variable.name.removesuffix("'") for variable in read}

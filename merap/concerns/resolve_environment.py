@@ -10,9 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.combination import Environment
-from merap.concerns.parameters import Edge, ParameterValue, Values, held_locations, present_all
+from merap.concerns.parameters import Edge, ParameterValue, Values, constants, held_locations, present_all
 from merap.concerns.reachability import leaves_goals_reachable
-from merap.concerns.resolution_context import ResolutionContext, frozen
+from merap.concerns.resolution_context import ResolutionContext, expression_kinds, frozen
+from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.resolve_space import apply_settings
 from merap.concerns.schema import EnvironmentSpec
 from merap.concerns.schema_base import Box
@@ -33,7 +34,14 @@ class EnvironmentResolver(ShortRepr):
     spec: EnvironmentSpec
     _known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = field(default_factory=dict)
 
+    @cached_property
+    def processes(self) -> ProcessResolver:
+        """Resolves its processes."""
+        kinds = expression_kinds(self.spec.parameters)
+        return ProcessResolver(self.context, "environment", self.spec.processes, kinds)
+
     def __post_init__(self) -> None:
+        assert self.processes is not None  # what is wrong with them is found here
         known = [attribute.name for attribute in self.context.space.attributes]
         for name in self.spec.attributes:
             if name not in known:
@@ -54,6 +62,9 @@ class EnvironmentResolver(ShortRepr):
             blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
             attributes=self._attributes(values),
+            processes=self.processes(
+                name, {**self.context.named_constants, **constants(self.spec.parameters, values)}
+            ),
         )
 
     def _blocked_edges(self, values: Values) -> Bools:

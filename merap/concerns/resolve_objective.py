@@ -10,8 +10,8 @@ import numpy as np
 from merap.concerns.combination import Condition, Objective, RewardRule
 from merap.concerns.document import KeyPath
 from merap.concerns.parameters import Values, constants, held_locations, present_all
-from merap.concerns.resolution_context import ResolutionContext, expression_kinds
-from merap.concerns.resolve_capability import names_in
+from merap.concerns.resolution_context import ResolutionContext, expression_kinds, names_in
+from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
 from merap.concerns.schema_base import Box, LocationSet
 from merap.errors import InputError
@@ -47,7 +47,7 @@ class ObjectiveResolver:
         self.spec = spec
         self.kinds = expression_kinds(spec.parameters)
         states = {**self.kinds, **context.variable_kinds()}
-        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", MODE_VARIABLE))}
+        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", MODE_VARIABLE, "processes"))}
         self.rules = tuple(
             (
                 self._template(("objective", "rewards", index), rule, steps),
@@ -58,6 +58,7 @@ class ObjectiveResolver:
         self.ends_after = self._optional("ends_after", spec.ends_after, states)
         self.ends_in = self._optional("ends_in", spec.ends_in, states)
         self.unsafe = self._optional("unsafe", spec.unsafe, states)
+        self.processes = ProcessResolver(context, "objective", spec.processes, self.kinds)
         for name in spec.properties:
             with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
@@ -110,7 +111,7 @@ class ObjectiveResolver:
         Raises:
             InputError: a location is unknown, or an expression undefined.
         """
-        known = {**self.context.mode_constants, **constants(self.spec.parameters, values)}
+        known = {**self.context.named_constants, **constants(self.spec.parameters, values)}
         path, points = start or (("objective", "start"), self.spec.start)
         return Objective(
             name=name,
@@ -128,6 +129,7 @@ class ObjectiveResolver:
             ends_in=self._condition_or_none(self.ends_in, name, values, known),
             unsafe=self._condition_or_none(self.unsafe, name, values, known),
             properties=dict(self.spec.properties),
+            processes=self.processes(name, known),
         )
 
     def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
@@ -184,6 +186,7 @@ class ObjectiveResolver:
     def names_read(self) -> set[str]:
         """Return the names of the parameters that expressions, locations or the start read."""
         found = [value for _, value in self.rules]
+        found += self.processes.expressions
         found += [template.where for template in self.templates if template.where is not None]
         places = [refs for template in self.templates for refs in (template.at, template.to)]
         listed = [ref for refs in places if refs is not None and not isinstance(refs, Box) for ref in refs]

@@ -24,6 +24,7 @@ from merap.concerns.schema_base import (
     wrong,
 )
 from merap.concerns.schema_capability import ActionSpec, InnateSpec
+from merap.concerns.schema_processes import ProcessSpec
 from merap.concerns.schema_space import SpaceSpec
 
 ParameterType = Literal["location", "locations", "edges", "probability", "int", "real", "bool"]
@@ -96,6 +97,9 @@ class EnvironmentSpec(Spec):
         default={},
         description="attributes that a configuration sets; a value may be the name of a parameter",
     )
+    processes: dict[Name, ProcessSpec] = Field(
+        default={}, description="name: variables that change with every step, in order of declaration"
+    )
     configurations: Configurations = Field(description="named configurations, or a generated support")
 
 
@@ -107,6 +111,9 @@ class CapabilitySpec(Spec):
     )
     actions: dict[Name, ActionSpec] = Field(default={}, description="external actions, in order")
     innate: InnateSpec | None = Field(default=None, description="the innate automaton")
+    processes: dict[Name, ProcessSpec] = Field(
+        default={}, description="name: variables that change with every step, in order of declaration"
+    )
     configurations: Configurations = Field(description="named configurations, or a generated support")
 
 
@@ -206,6 +213,9 @@ class ObjectiveSpec(Spec):
     unsafe: Predicate | None = Field(default=None, description="states to avoid")
     properties: dict[Name, str] = Field(
         default={}, description="name: PRISM property; labels goal, done, unsafe, deadlock"
+    )
+    processes: dict[Name, ProcessSpec] = Field(
+        default={}, description="name: variables that change with every step, in order of declaration"
     )
     configurations: Configurations = Field(description="named configurations, or a generated support")
 

@@ -43,7 +43,8 @@ class ActionSpec(Spec):
         default="stay", description="where the intended move is blocked: stay there, or be without the action"
     )
     requires: Truth = Field(
-        default=True, description="condition on the parameters; where it is false the action is lacking"
+        default=True,
+        description="condition on parameters and state; where it is false the action is disabled",
     )
 
     @model_validator(mode="after")

@@ -11,15 +11,32 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Combination, Condition
+from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import Column, Expression, evaluate, variables
+from merap.program.form import TRUE
+
+
+def require_places_and_modes(combination: Combination) -> None:
+    """Refuse a combination of which arrays over locations and modes can't hold the states.
+
+    Raises:
+        InputError: it has processes, or actions that require something of the state.
+    """
+    requires = any(action.requires != TRUE for action in combination.capability.external)
+    if combination.processes or requires:
+        raise InputError(
+            f"{combination.name}: this takes no case with processes or with actions that require something "
+            "of the state; validate, show, render, verify and export do"
+        )
 
 
 class Steps:
     """Steps (s, a, s') as columns of length B, on which conditions and rules are evaluated."""
 
     def __init__(self, combination: Combination, state: Ints, action: Ints, target: Ints) -> None:
+        require_places_and_modes(combination)
         num_modes = len(combination.modes)
         self.combination = combination
         self.action = action

@@ -14,7 +14,7 @@ import numpy as np
 
 from merap.concerns.combination import Combination, ExternalAction, Outcome
 from merap.concerns.space import Space
-from merap.concerns.steps import Steps, holds_in_states, scope_of
+from merap.concerns.steps import Steps, holds_in_states, require_places_and_modes, scope_of
 from merap.errors import InputError
 from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.assembly import Branches, assemble
@@ -50,6 +50,7 @@ def synthesise_pair(combination: Combination, starts: Bools | None = None) -> Ta
         combination: whose objective gives no more than the start distribution.
         starts: bool [P], start locations, equally likely, in place of that distribution.
     """
+    require_places_and_modes(combination)
     start = combination.objective.start if starts is None else starts / np.count_nonzero(starts)
     num_modes = len(combination.modes)
     num_states = combination.space.num_locations * num_modes
@@ -149,6 +150,7 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     Raises:
         InputError: a reachable state that is not complete has no action; names it.
     """
+    require_places_and_modes(combination)
     complete = _complete_in(combination)
     branches = _with_objective(pair, combination, complete)
     initial = np.zeros(2 * len(complete))
@@ -178,6 +180,7 @@ def attach_everywhere(pair: TabularMDP, combination: Combination) -> TabularMDP:
     Raises:
         ModelError: a reachable state has no action.
     """
+    require_places_and_modes(combination)
     complete = _complete_in(combination)
     initial = np.zeros(2 * len(complete))
     initial[0::2] = _initial(combination, combination.objective.start)
@@ -264,12 +267,6 @@ def _complete_in(combination: Combination) -> Bools:
     if combination.objective.ends_in is None:
         return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
     return holds_in_states(combination, combination.objective.ends_in)
-
-
-def least_reward(combination: Combination) -> float:
-    """The smallest reward of any step in any state, reachable or not; at most 0."""
-    branches = _with_objective(synthesise_pair(combination), combination, _complete_in(combination))
-    return float(np.min(branches.reward, initial=0.0))
 
 
 def _grid(locations: Ints, modes: Ints) -> tuple[Ints, Ints]:

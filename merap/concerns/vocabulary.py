@@ -6,11 +6,14 @@ from collections.abc import Iterator, Mapping
 
 from merap.concerns.document import Document, KeyPath
 from merap.concerns.parameters import ParameterTypes
+from merap.concerns.resolve_processes import variables_of
 from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
 from merap.concerns.schema_capability import restarts
+from merap.concerns.schema_processes import ProcessSpec
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
+from merap.program.form import ConcernName, StateVariable
 from merap.program.names import check_emitted_name, check_name
 
 READY = "ready"
@@ -53,6 +56,52 @@ def check_vocabulary(document: Document, spec: CaseSpec, space: Space) -> None:
             check_name(name, "an online system")
 
 
+def declared_variables(
+    document: Document, spec: CaseSpec, space: Space
+) -> dict[str, tuple[ConcernName, StateVariable]]:
+    """Return the variables of all processes by name, with the concern that owns them.
+
+    Raises:
+        InputError: a name is illegal or stands for two things, with its place.
+    """
+    known = dict.fromkeys(mode_names(spec.capability), "a mode")
+    known |= {attribute.name: "an attribute" for attribute in space.attributes}
+    processes: dict[str, str] = {}
+    found: dict[str, tuple[ConcernName, StateVariable]] = {}
+    for concern, own in _processes(spec):
+        for name, process in own.items():
+            with document.at(concern, "processes", name):
+                check_emitted_name(name, "a process")
+                if name in processes:
+                    raise InputError(f"duplicate name {name!r}: {processes[name]} has a process of that name")
+                processes[name] = f"the {concern}"
+                for variable in variables_of(name, process).values():
+                    _check_variable(variable, known)
+                    found[variable.name] = (concern, variable)
+    return found
+
+
+def _processes(spec: CaseSpec) -> Iterator[tuple[ConcernName, Mapping[str, ProcessSpec]]]:
+    yield "environment", spec.environment.processes
+    yield "capability", spec.capability.processes
+    yield "objective", spec.objective.processes
+
+
+def _check_variable(variable: StateVariable, known: dict[str, str]) -> None:
+    """Refuse a variable whose name or values stand for something else; add them to what is known."""
+    check_emitted_name(variable.name, "a variable")
+    if variable.name in known:
+        raise InputError(f"duplicate name {variable.name!r}: it is {known[variable.name]} and a variable")
+    known[variable.name] = "a variable"
+    for number, name in enumerate(variable.values, start=1):
+        check_name(name, "a value")
+        what = f"value {number} of a variable"
+        if known.setdefault(name, what) != what:
+            raise InputError(f"duplicate name {name!r}: it is {known[name]} and {what}, {variable.name}")
+    if len(set(variable.values)) < len(variable.values):
+        raise InputError(f"a value of {variable.name} stands twice")
+
+
 def _check_capability(document: Document, spec: CapabilitySpec) -> None:
     if not spec.actions and not (spec.innate and spec.innate.actions):
         raise document.error(("capability", "actions"), "empty concern: the capability has no action")
@@ -90,6 +139,13 @@ def _check_parameters(
     taken = dict.fromkeys(mode_names(spec.capability), "a mode")
     taken |= {attribute.name: "an attribute" for attribute in space.attributes}
     taken |= {MODE_VARIABLE: "the current mode"}
+    for _, processes in _processes(spec):
+        for process_name, process in processes.items():
+            for variable in variables_of(process_name, process).values():
+                taken |= {
+                    variable.name: "a variable",
+                    **dict.fromkeys(variable.values, "a value of a variable"),
+                }
     for name, kind in types.items():
         with document.at(concern, "parameters", name):
             check_name(name, "a parameter")
@@ -102,13 +158,7 @@ def _check_parameters(
 
 def _check_attributes(document: Document, spec: CaseSpec, space: Space) -> None:
     names = [attribute.name for attribute in space.attributes]
-    # Text of a combination calls attribute x of the cell that label l leads to attribute_x_l.
-    derived = {f"{name}_{label}": name for name in names for label in space.moves}
     for name in names:
         with document.at("space", "attributes", name):
             if name in mode_names(spec.capability):
                 raise InputError(f"duplicate name {name!r}: it is a mode already")
-            if name in derived:
-                raise InputError(
-                    f"duplicate name {name!r}: attribute {derived[name]!r} and an edge label make it too"
-                )

@@ -9,7 +9,7 @@ import numpy as np
 
 from merap.concerns.combination import Capability
 from merap.concerns.document import key_text
-from merap.concerns.resolution_context import ResolutionContext
+from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_capability import NO_ENTRY
 from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
 from merap.concerns.resolve_objective import ConditionTemplate, ObjectiveResolver
@@ -28,7 +28,9 @@ def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
         (
             "environment",
             spec.environment.parameters,
-            {BLOCKED, BLOCKED_EDGES} | resolvers.environment.names_read(),
+            {BLOCKED, BLOCKED_EDGES}
+            | resolvers.environment.names_read()
+            | names_in(resolvers.environment.processes.expressions),
         ),
         ("capability", spec.capability.parameters, {NO_ENTRY} | resolvers.capability.names_read()),
         ("objective", spec.objective.parameters, {GOAL_LABEL} | resolvers.objective.names_read()),

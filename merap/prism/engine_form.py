@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from merap.program.expressions import Constant, Expression, Operation, Variable, fold
+from collections.abc import Sequence
+from functools import reduce
+
+from merap.program.expressions import Constant, Expression, Lookup, Operation, Variable, fold
 
 _DISTRIBUTED = frozenset({"+", "-", "*", "neg", "min", "max"})
 _OF_EQUALS = {"=": True, "<=": True, ">=": True, "!=": False, "<": False, ">": False}
@@ -19,12 +22,16 @@ def engine_form(expression: Expression) -> Expression:
         return Variable(expression.name, 0)  # so that it equals the same name elsewhere
     if isinstance(expression, Constant):
         return expression
-    return _simplified(
+    if isinstance(expression, Lookup):
+        lone = expression.table.lone
+        return fold(Lookup(expression.table, engine_form(expression.index)), {}) if lone is None else lone
+    return simplified(
         Operation(expression.operator, tuple(engine_form(argument) for argument in expression.arguments))
     )
 
 
-def _simplified(form: Operation) -> Expression:
+def simplified(form: Operation) -> Expression:
+    """Return the same operation of parts that are in engine form."""
     symbol, arguments = form.operator, form.arguments
     if symbol == "mod":
         quotient = Operation("floor", (Operation("/", arguments),))
@@ -36,6 +43,11 @@ def _simplified(form: Operation) -> Expression:
     if symbol in _OF_EQUALS and arguments[0] == arguments[1]:
         return Constant(_OF_EQUALS[symbol])
     return fold(form, {})
+
+
+def joined(symbol: str, terms: Sequence[Expression]) -> Expression:
+    """Return the conjunction or disjunction of some conditions, at least one."""
+    return reduce(lambda left, right: simplified(Operation(symbol, (left, right))), terms)
 
 
 def _is_not_zero(expression: Expression) -> bool:

@@ -8,24 +8,37 @@ Where this is not possible, as for a quotient of variables, a table over the val
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import product
-from math import lcm, prod
-from typing import TypeAlias
+from math import lcm
+from typing import Protocol
 
 from merap.errors import InputError
-from merap.program.expressions import Constant, Expression, Operation, Value, Variable, fold, variables
+from merap.prism.engine_form import simplified
+from merap.prism.value_tables import COMPARISONS, Domains, least_of
+from merap.program.expressions import Constant, Expression, Lookup, Operation, Variable, fold
 
-COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
-LOGICAL = frozenset({"=>", "<=>", "|", "&", "!"})
-MAX_TABLE = 4096
 # Whole numbers up to here are exact in doubles; integers of PRISM-games end before.
 MAX_EXACT = 2**53
 MAX_INTEGER = 2**31 - 1
 
-# The least and the greatest value of a variable; of a truth value None.
-Domains: TypeAlias = Mapping[str, tuple[int, int] | None]
+
+class Known(Protocol):
+    """What is known of the names that an expression reads."""
+
+    @property
+    def domains(self) -> Domains:
+        """The variables."""
+
+    def named(self, expression: Expression) -> Expression | None:
+        """Return the name of an expression that has one, as every lookup has."""
+
+    def table(self, expression: Expression) -> Expression:
+        """Return the same as something that engines read without computing.
+
+        Raises:
+            InputError: the expression reads too many values.
+        """
 
 
 class _NotWhole(Exception):  # noqa: N818
@@ -42,135 +55,82 @@ class _Scaled:
     high: int
 
 
-def exact_truth(expression: Expression, domains: Domains) -> Expression:
+def exact_truth(expression: Expression, known: Known) -> Expression:
     """Return a condition that engines decide exactly.
 
     Raises:
         InputError: it compares what can't be computed exactly, and reads too many values for a table.
     """
-    match expression:
-        case Operation(symbol, arguments) if symbol in LOGICAL:
-            return Operation(symbol, tuple(exact_truth(argument, domains) for argument in arguments))
-        case Operation("?:", arguments):
-            return Operation("?:", tuple(exact_truth(argument, domains) for argument in arguments))
-        case Operation(symbol, (left, right)) if symbol in COMPARISONS:
-            if is_truth(left, domains):
-                return Operation(symbol, (exact_truth(left, domains), exact_truth(right, domains)))
-            try:
-                one, other, _ = _on_one_denominator(_scaled(left, domains), _scaled(right, domains))
-            except _NotWhole:
-                return table(expression, domains)
-            return Operation(symbol, (one.over, other.over))
-        case _:
-            return expression
+    named = known.named(expression)
+    if named is not None:
+        return named
+    if not isinstance(expression, Operation):
+        return expression
+    symbol, arguments = expression.operator, expression.arguments
+    if symbol not in COMPARISONS or known.domains.is_truth(arguments[0]):
+        return simplified(Operation(symbol, tuple(exact_truth(argument, known) for argument in arguments)))
+    try:
+        one, other, _ = _on_one_denominator(*(_scaled(side, known) for side in arguments))
+    except _NotWhole:
+        return known.table(expression)
+    return Operation(symbol, (one.over, other.over))
 
 
-def exact_whole(expression: Expression, domains: Domains) -> Expression:
+def exact_whole(expression: Expression, known: Known) -> Expression:
     """Return a whole number that engines compute exactly.
 
     Raises:
         InputError: it can't be computed exactly, and reads too many values for a table.
     """
     try:
-        scaled = _scaled(expression, domains)
+        scaled = _scaled(expression, known)
     except _NotWhole:
-        return table(expression, domains)
+        return known.table(expression)
     if scaled.by == 1:
         return scaled.over
     return Operation("floor", (Operation("/", (scaled.over, _number(scaled.by))),))
 
 
-def rounded_number(expression: Expression, domains: Domains) -> Expression:
-    """Return a number that engines compute up to rounding, by decisions that are exact."""
+def rounded_number(expression: Expression, known: Known) -> Expression:
+    """Return a number that engines compute up to one rounding, by decisions that are exact.
+
+    Where that is not possible, and a table would be too large, the number is computed as it stands.
+    """
+    named = known.named(expression)
+    if named is not None:
+        return named
     match expression:
         case Operation("?:", (condition, taken, other)):
-            sides = (rounded_number(taken, domains), rounded_number(other, domains))
-            return Operation("?:", (exact_truth(condition, domains), *sides))
-        case Operation(("floor" | "ceil" | "mod"), _):
-            return exact_whole(expression, domains)
-        case Operation(symbol, arguments):
-            return Operation(symbol, tuple(rounded_number(argument, domains) for argument in arguments))
+            sides = (rounded_number(taken, known), rounded_number(other, known))
+            return Operation("?:", (exact_truth(condition, known), *sides))
+        case Operation():
+            try:
+                return _rounded_once(expression, known)
+            except InputError:
+                return expression
         case _:
             return expression
 
 
-def table(expression: Expression, domains: Domains) -> Expression:
-    """Return the same as a tree of `?:` over the values of the variables it reads, with constants as leaves.
+def _rounded_once(expression: Expression, known: Known) -> Expression:
+    try:
+        scaled = _scaled(expression, known)
+    except _NotWhole:
+        return known.table(expression)
+    return scaled.over if scaled.by == 1 else Operation("/", (scaled.over, _number(scaled.by)))
+
+
+def least(expression: Expression, known: Known) -> Fraction:
+    """Return a number that no value of an expression is below: by interval arithmetic, or else by its table.
 
     Raises:
-        InputError: they have too many joint values.
+        InputError: it has no such bound, and reads too many values for a table.
     """
-    names = sorted({variable.name for variable in variables(expression)})
-    ranges = [_values(domains[name]) for name in names]
-    count = prod(len(values) for values in ranges)
-    if count > MAX_TABLE:
-        raise InputError(
-            f"an expression over {', '.join(names)} has {count} cases, at most {MAX_TABLE} can be listed; "
-            "let it read fewer values, or compare whole numbers"
-        )
-    leaves: list[Value | None] = []
-    for values in product(*ranges):
-        try:
-            folded = fold(expression, dict(zip(names, values, strict=True)))
-        except InputError:
-            leaves.append(None)  # undefined there: no reachable state may have these values
-            continue
-        assert isinstance(folded, Constant)
-        leaves.append(folded.value)
-    nothing: Value = False if is_truth(expression, domains) else Fraction(0)
-    return _tree(names, ranges, _filled(leaves, nothing))
-
-
-def is_truth(expression: Expression, domains: Domains) -> bool:
-    """Tell whether the value is true or false, not a number."""
-    match expression:
-        case Constant(value):
-            return isinstance(value, bool)
-        case Variable(name):
-            return domains[name] is None
-        case Operation("?:", arguments):
-            return is_truth(arguments[1], domains)
-        case Operation(symbol, _):
-            return symbol in COMPARISONS | LOGICAL
-
-
-def _values(domain: tuple[int, int] | None) -> list[Value]:
-    if domain is None:
-        return [False, True]
-    return [Fraction(value) for value in range(domain[0], domain[1] + 1)]
-
-
-def _filled(leaves: list[Value | None], nothing: Value) -> list[Value]:
-    """Where the value is undefined any will do: take the one before, so that runs get long."""
-    known = [leaf for leaf in leaves if leaf is not None]
-    last = known[0] if known else nothing
-    filled = []
-    for leaf in leaves:
-        last = last if leaf is None else leaf
-        filled.append(last)
-    return filled
-
-
-def _tree(names: list[str], ranges: list[list[Value]], leaves: list[Value]) -> Expression:
-    if leaves == leaves[:1] * len(leaves):
-        return Constant(leaves[0])
-    size = len(leaves) // len(ranges[0])
-    parts = [leaves[start : start + size] for start in range(0, len(leaves), size)]
-    runs = [0, *(place for place in range(1, len(parts)) if parts[place] != parts[place - 1])]
-    trees = [_tree(names[1:], ranges[1:], parts[place]) for place in runs]
-    return _split(Variable(names[0], 0), [ranges[0][place] for place in runs], trees)
-
-
-def _split(variable: Variable, starts: list[Value], trees: list[Expression]) -> Expression:
-    """Balanced: the tree of the run in which a variable's value lies."""
-    if len(trees) == 1 or all(tree == trees[0] for tree in trees):
-        return trees[0]
-    if isinstance(starts[0], bool):
-        return Operation("?:", (variable, trees[1], trees[0]))
-    middle = len(trees) // 2
-    before = _split(variable, starts[:middle], trees[:middle])
-    after = _split(variable, starts[middle:], trees[middle:])
-    return Operation("?:", (Operation("<", (variable, Constant(starts[middle]))), before, after))
+    try:
+        scaled = _scaled(expression, known)
+    except _NotWhole:
+        return least_of(expression, known.domains)
+    return Fraction(scaled.low, scaled.by)
 
 
 def _number(value: int) -> Constant:
@@ -183,22 +143,33 @@ def _checked(over: Expression, by: int, low: int, high: int) -> _Scaled:
     return _Scaled(over, by, low, high)
 
 
-def _scaled(expression: Expression, domains: Domains) -> _Scaled:
+def _scaled(expression: Expression, known: Known) -> _Scaled:
+    found = _computed(expression, known)
+    named = known.named(expression) if found.by == 1 else None
+    return found if named is None else replace(found, over=named)
+
+
+def _computed(expression: Expression, known: Known) -> _Scaled:
     match expression:
         case Constant(value):
             exact = Fraction(value)
             return _checked(_number(exact.numerator), exact.denominator, exact.numerator, exact.numerator)
         case Variable(name):
-            domain = domains[name]
+            domain = known.domains[name]
             assert domain is not None, name
             return _checked(expression, 1, *domain)
+        case Lookup(table, _):
+            levels = table.column.levels
+            if not levels.are_whole:
+                raise _NotWhole
+            return _checked(expression, 1, int(min(levels.values)), int(max(levels.values)))
         case Operation("?:", (condition, taken, other)):
-            one, two, by = _on_one_denominator(_scaled(taken, domains), _scaled(other, domains))
-            over = Operation("?:", (exact_truth(condition, domains), one.over, two.over))
+            one, two, by = _on_one_denominator(_scaled(taken, known), _scaled(other, known))
+            over = Operation("?:", (exact_truth(condition, known), one.over, two.over))
             return _checked(over, by, min(one.low, two.low), max(one.high, two.high))
         case Operation(symbol, arguments):
             scale: Callable[..., _Scaled] = _SCALED[symbol]
-            return scale(*(_scaled(argument, domains) for argument in arguments))
+            return scale(*(_scaled(argument, known) for argument in arguments))
 
 
 def _on_one_denominator(left: _Scaled, right: _Scaled) -> tuple[_Scaled, _Scaled, int]:

@@ -16,15 +16,16 @@ class Formula:
 
 @dataclass(frozen=True)
 class VariableLine:
-    """`name : [0..high] init initial;`; no `init` where `initial` is None."""
+    """`name : domain init initial;`, after comments that number its values; no `init` where it is empty."""
 
     name: str
-    high: int
-    initial: int | None
+    domain: str
+    initial: str
+    key: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Command:
+class CommandLine:
     """`[action] guard -> updates;`."""
 
     action: str
@@ -33,8 +34,8 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Payment:
-    """`[action] guard : text;`."""
+class LabelLine:
+    """`label "name" = text;`."""
 
-    action: str
+    name: str
     text: str

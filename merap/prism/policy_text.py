@@ -6,8 +6,7 @@ Axes: S states, B branches.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 
@@ -17,34 +16,61 @@ from merap.mdp.alignment import align_variables
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
-from merap.prism.lines import Command
-from merap.prism.location_text import cases
-from merap.prism.terms import bare
+from merap.prism.engine_text import EngineText, text_of
+from merap.prism.lines import CommandLine
+from merap.prism.location_tree import location_tree
+from merap.prism.program_text import ProgramWriter
+from merap.prism.reward_text import rewards_text
+from merap.prism.templates import fill_in
+from merap.program.expressions import Constant
+from merap.program.form import Program
 
 # Decimals of a probability. Engines take their nearest double; exact ones see rows that sum to 1.
 _DECIMALS = 15
 
 
-@dataclass(frozen=True)
-class PolicyText:
-    """The content of `policy.prism.j2`.
-
-    Attributes:
-        states: one command for each state that isn't complete.
-        payments: mode and expected reward of a step in it, by location.
-    """
-
-    states: list[Command]
-    payments: list[tuple[int, str]]
-
-
-def policy_text(combination: Combination, chain: TabularMDP) -> PolicyText:
-    """The states of a chain that aren't complete, in the order of their valuations.
+def policy_text(combination: Combination, program: Program, chain: TabularMDP, title: str) -> str:
+    """Return the text of a chain.
 
     Args:
-        combination: whose locations and modes they are.
+        combination: whose locations and modes its states have.
+        program: of the combination.
         chain: one choice for each state, all reachable.
+        title: a line of comment.
     """
+    writer = ProgramWriter(program)
+    shifted = rewards_text(program, EngineText(program))[1]
+    states, payments = _steps(combination, chain)
+    sections = {
+        "complete": writer.text.truth(program.labels[COMPLETE_LABEL]),
+        "labels": writer.labels(),
+        "variables": [line for process in program.processes for line in writer.lines(process)],
+        "initial": writer.initial(),
+    }
+    return fill_in(
+        "policy.prism.j2",
+        title=title,
+        combination=combination,
+        start_key=[] if not sections["initial"] else _start_key(combination),
+        formulas=writer.text.take(),
+        states=states,
+        payments=payments,
+        shifted=shifted,
+        **sections,
+    )
+
+
+def _start_key(combination: Combination) -> list[str]:
+    """The weights of several initial states, which the language has no place for."""
+    space, start = combination.space, combination.objective.start
+    return [
+        f"starts with probability {float(start[place])!r} at {space.locations[place]}"
+        for place in np.flatnonzero(start).tolist()
+    ]
+
+
+def _steps(combination: Combination, chain: TabularMDP) -> tuple[list[CommandLine], list[tuple[int, str]]]:
+    """Return a command for each state that isn't complete; and by mode the reward of a step in it."""
     space = combination.space
     names = (*space.variable_names, MODE_VARIABLE, FLAG_VARIABLE)
     valuations = align_variables(chain, names)
@@ -52,7 +78,7 @@ def policy_text(combination: Combination, chain: TabularMDP) -> PolicyText:
     going = np.flatnonzero(~chain.labels[COMPLETE_LABEL])
     going = going[np.lexsort(valuations[going].T[::-1])]
     commands = [
-        Command(
+        CommandLine(
             action="",
             guard=" & ".join(map(_is, names, valuations[state].tolist())),
             updates=_updates(chain, state, shares, names, valuations),
@@ -60,7 +86,7 @@ def policy_text(combination: Combination, chain: TabularMDP) -> PolicyText:
         for state in going.tolist()
     ]
     place = match_rows(valuations[going][:, : len(space.variable_names)], space.valuations)
-    return PolicyText(commands, _payments(space, place, valuations[going][:, -2], chain.choice_reward[going]))
+    return commands, _payments(space, place, valuations[going][:, -2], chain.choice_reward[going])
 
 
 def _payments(space: Space, place: Ints, mode: Ints, reward: Floats) -> list[tuple[int, str]]:
@@ -68,10 +94,12 @@ def _payments(space: Space, place: Ints, mode: Ints, reward: Floats) -> list[tup
     payments = []
     for number in np.unique(mode).tolist():
         there = mode == number
-        texts, index = np.unique([_decimal(value) for value in reward[there].tolist()], return_inverse=True)
+        values, index = np.unique([_decimal(value) for value in reward[there].tolist()], return_inverse=True)
         by_location = np.full(space.num_locations, np.bincount(index).argmax())
         by_location[place[there]] = index
-        payments.append((number, bare(cases(space, texts.tolist(), by_location))))
+        lows, leaves = [0] * len(space.variable_names), [Constant(value) for value in values.tolist()]
+        window = by_location.reshape(space.shape or (1, -1))
+        payments.append((number, text_of(location_tree(space.variable_names, lows, window, leaves))))
     return payments
 
 
@@ -127,6 +155,6 @@ def _share(share: int) -> str:
     return f"{whole}.{rest:0{_DECIMALS}d}".rstrip("0").rstrip(".")
 
 
-def _decimal(value: float) -> str:
-    """Decimal to 15 significant digits, without an exponent."""
-    return f"{Decimal(f'{value:.15g}'):f}"
+def _decimal(value: float) -> Fraction:
+    """The value to 15 significant digits."""
+    return Fraction(f"{value:.15g}")

@@ -7,239 +7,158 @@ one of the fractions that it can be, so that no engine adds or subtracts probabi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
 from dataclasses import dataclass
-from itertools import product
+from fractions import Fraction
 
-from merap.errors import InputError
-from merap.prism.engine_form import engine_form
-from merap.prism.exact_form import Domains, exact_truth, exact_whole, rounded_number, table
-from merap.prism.rendering import environment
-from merap.program.expressions import (
-    Constant,
-    Expression,
-    Operation,
-    fold,
-    render,
-    render_constant,
-    substitute,
-)
-from merap.program.form import (
-    Command,
-    Draw,
-    Outcome,
-    Process,
-    Program,
-    RewardRule,
-    RewardStructure,
-    StateVariable,
-)
+from merap.prism.engine_form import joined
+from merap.prism.engine_text import EngineText, text_of
+from merap.prism.joint_outcomes import joint_outcomes
+from merap.prism.lines import CommandLine, Formula, LabelLine, VariableLine
+from merap.prism.reward_text import rewards_text, wrapped
+from merap.prism.templates import fill_in
+from merap.program.expressions import Constant, Expression, Operation, Variable
+from merap.program.form import Command, Outcome, Process, Program, StateVariable, whole
 
-MAX_OUTCOMES = 256
-
-
-@dataclass(frozen=True)
-class VariableLine:
-    """`name : domain init initial; // meaning`."""
-
-    name: str
-    domain: str
-    initial: str
-    meaning: str
-
-
-@dataclass(frozen=True)
-class CommandLine:
-    """`[action] guard -> updates;`."""
-
-    action: str
-    guard: str
-    updates: str
+KEY_WIDTH = 10
 
 
 @dataclass(frozen=True)
 class ModuleText:
-    """A module; the comment says whose it is."""
+    """A module, and the formulas that it needs; the comment says whose it is."""
 
     name: str
     comment: str
+    formulas: tuple[Formula, ...]
     variables: tuple[VariableLine, ...]
     commands: tuple[CommandLine, ...]
-
-
-@dataclass(frozen=True)
-class LabelLine:
-    """`label "name" = text;`."""
-
-    name: str
-    text: str
-
-
-@dataclass(frozen=True)
-class RewardsText:
-    """`rewards "name"`, and `[action] guard : value` lines."""
-
-    name: str
-    items: tuple[str, ...]
 
 
 def render_program(program: Program, header: tuple[str, ...] = ()) -> str:
     """Return the PRISM text of a closed program.
 
     Args:
-        program: without open parameters; rewards read no successor.
+        program: without open parameters.
         header: lines of comment at the top.
 
     Raises:
-        InputError: an expression can't be written exactly; a command has more than 256 joint outcomes.
+        InputError: an expression can't be written exactly; a command, or what a reward reads of the
+            successor, has more than 256 joint outcomes.
     """
-    writer = _Writer(program)
+    writer = ProgramWriter(program)
+    text = writer.text
     shared = [process for process in program.processes if not process.commands]
-    template = environment().get_template("program.prism.j2")
-    return template.render(
-        header=header or (program.name,),
-        shared=[line for process in shared for line in writer.lines(process)],
-        processes=[writer.module(process) for process in program.processes if process.commands],
-        initial=writer.initial(),
-        labels=[LabelLine(name, writer.truth(where)) for name, where in program.labels.items()],
-        rewards=[writer.rewards(name, structure) for name, structure in program.rewards.items()],
-    )
+    sections = {
+        "shared": [line for process in shared for line in writer.lines(process)],
+        "processes": [writer.module(process) for process in program.processes if process.commands],
+        "labels": writer.labels(),
+        "rewards": rewards_text(program, text),
+        "initial": writer.initial(),
+    }
+    head = header or (program.name,)
+    return fill_in("program.prism.j2", header=head, formulas=text.take(), **sections)
 
 
-class _Writer:
+class ProgramWriter:
+    """Writes the parts of a program.
+
+    Attributes:
+        text: writes its expressions.
+    """
+
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._domains: Domains = {
-            one.name: None if one.kind == "bool" else (one.low, one.high) for one in program.variables
-        }
+        self.text = EngineText(program)
+        self._by_name = {one.name: one for one in program.variables}
         starts = [process.initial for process in program.processes]
         self._fixed = program.initial_predicate is None and all(len(own) == 1 for own in starts)
 
-    def truth(self, condition: Expression) -> str:
-        return render(exact_truth(engine_form(condition), self._domains))
+    def labels(self) -> list[LabelLine]:
+        """Return the labels."""
+        return [LabelLine(name, self.text.truth(where)) for name, where in self._program.labels.items()]
 
     def module(self, process: Process) -> ModuleText:
+        """Return the module of a process."""
+        commands = tuple(self._command(command) for command in process.commands)
         return ModuleText(
             name=process.name,
-            comment=f"{process.concern}: {process.name}",
+            comment=process.meaning or f"{process.concern}: {process.name}",
+            formulas=tuple(self.text.take()),
             variables=self.lines(process),
-            commands=tuple(self._command(command) for command in process.commands),
+            commands=commands,
         )
 
     def lines(self, process: Process) -> tuple[VariableLine, ...]:
-        """Its variables; those of a process without commands belong to no module, and any may change them."""
+        """Return its variables; those of a process without commands any module may change."""
         return tuple(self._variable(process, one) for one in process.variables)
 
     def _variable(self, process: Process, variable: StateVariable) -> VariableLine:
         initial = ""
         if self._fixed:
-            initial = self._value(variable, process.initial[0].values[variable.name])
-        names = ", ".join(f"{variable.low + place} {name}" for place, name in enumerate(variable.values))
+            initial = self._value(variable.name, process.initial[0].values[variable.name])
+        names = [f"{variable.low + place} {name}" for place, name in enumerate(variable.values)]
+        key = [", ".join(names[first : first + KEY_WIDTH]) for first in range(0, len(names), KEY_WIDTH)]
         # a range that ends at 0 is refused by PRISM-games
         high = max(variable.high, variable.low + 1)
         domain = "bool" if variable.kind == "bool" else f"[{variable.low}..{high}]"
-        return VariableLine(variable.name, domain, initial, names)
+        return VariableLine(variable.name, domain, initial, tuple(key))
 
-    def _value(self, variable: StateVariable, value: Expression) -> str:
-        if variable.kind == "bool" and isinstance(value, Constant):
-            return render_constant(bool(value.value))
-        return render(exact_whole(engine_form(value), self._domains))
+    def _value(self, name: str, value: Expression) -> str:
+        if self._by_name[name].kind == "bool":
+            return self.text.truth(Constant(bool(value.value)) if isinstance(value, Constant) else value)
+        return self.text.whole(value)
 
     def _command(self, command: Command) -> CommandLine:
         """A command that is never enabled stays: its module knows the action nevertheless."""
-        guard = exact_truth(engine_form(command.guard), self._domains)
-        updates = []
-        for outcome in _joint(command):
-            probability = table(engine_form(outcome.probability), self._domains)
-            if not (isinstance(probability, Constant) and probability.value == 0):
-                updates.append(f"{_wrapped(probability)} : {self._assignments(outcome)}")
-        if guard == Constant(False) or not updates:
+        guard = self.text.truth_form(command.guard)
+        outcomes = []
+        for outcome in joint_outcomes([command]):
+            probability = self.text.probability_form(outcome.probability)
+            if probability != Constant(Fraction(0)):
+                outcomes.append((probability, self._assignments(outcome)))
+        if guard == Constant(False) or not outcomes:
             return CommandLine(command.action or "", "false", "true")
-        return CommandLine(command.action or "", _wrapped(guard), " + ".join(updates))
+        if len(outcomes) == 1:
+            return CommandLine(command.action or "", wrapped(guard), outcomes[0][1])
+        updates = [f"{wrapped(probability)} : {text}" for probability, text in outcomes]
+        return CommandLine(command.action or "", wrapped(guard), " + ".join(updates))
 
     def _assignments(self, outcome: Outcome) -> str:
         parts = []
         for name, value in outcome.assignments.items():
-            if self._domains[name] is None:
-                text = self.truth(value)
-            else:
-                text = render(exact_whole(engine_form(value), self._domains))
-            parts.append(f"({name}'={text})")
+            text = self._value(name, value)
+            if re.search(r"[?=<>&|]", text):
+                text = f"({text})"
+            if text != name:
+                parts.append(f"({name}'={text})")
         return " & ".join(parts) or "true"
 
     def initial(self) -> str:
-        """The support of the initial distribution, where it is no single state."""
+        """Return the support of the initial distribution; nothing if it is a single state."""
         if self._fixed:
             return ""
         if self._program.initial_predicate is not None:
-            return self.truth(self._program.initial_predicate)
-        by_name = {one.name: one for one in self._program.variables}
-        conditions = []
-        for process in self._program.processes:
-            if not process.variables:
-                continue
-            options = []
-            for start in process.initial:
-                terms = [
-                    f"{name}={self._value(by_name[name], value)}" for name, value in start.values.items()
-                ]
-                options.append(f"({' & '.join(terms)})")
-            conditions.append(f"({' | '.join(options)})" if len(options) > 1 else options[0])
-        return " & ".join(conditions)
+            return self.text.truth(self._program.initial_predicate)
+        terms = [self._start(process) for process in self._program.processes if process.variables]
+        return text_of(joined("&", terms))
 
-    def rewards(self, name: str, structure: RewardStructure) -> RewardsText:
-        items: list[str] = []
-        before: list[RewardRule] = []
-        for rule in structure.rules:
-            guard = rule.guard
-            if structure.first_match:
-                for other in before:
-                    if not other.actions or not rule.actions or other.actions & rule.actions:
-                        guard = Operation("&", (guard, Operation("!", (other.guard,))))
-                before.append(rule)
-            items += self._items(rule, guard)
-        return RewardsText(name, tuple(items) or ("true : 0",))
+    def _start(self, process: Process) -> Expression:
+        if process.initial[0].values.keys() != {*self._program.location}:
+            options = (
+                joined("&", [self._is(*value) for value in start.values.items()]) for start in process.initial
+            )
+            return joined("|", list(options))
+        places = [
+            {name: whole(value, name) for name, value in start.values.items()} for start in process.initial
+        ]
+        # a variable of one value has a range of two, as PRISM-games wants it
+        lone = (one.name for one in process.variables if one.low == one.high)
+        first = process.initial[0].values
+        own = (self._is(name, first[name]) for name in lone)
+        return joined("&", [self.text.location_in(places), *own])
 
-    def _items(self, rule: RewardRule, guard: Expression) -> Iterator[str]:
-        condition = exact_truth(engine_form(guard), self._domains)
-        value = rounded_number(engine_form(rule.value), self._domains)
-        text = f"{_wrapped(condition)} : {_wrapped(value)}"
-        if not rule.actions:
-            yield text
-        for action in sorted(rule.actions & {None, *self._program.actions}, key=lambda name: name or ""):
-            yield f"[{action or ''}] {text}"
-
-
-def _wrapped(expression: Expression) -> str:
-    """Return its text, in parentheses where a `:` in it might be taken for the item's."""
-    text = render(expression)
-    return f"({text})" if isinstance(expression, Operation) and expression.operator == "?:" else text
-
-
-def _joint(command: Command) -> Iterator[Outcome]:
-    """Every joint outcome of a command's draws, in terms of the state before the step.
-
-    Raises:
-        InputError: there are more than 256.
-    """
-    count = 1
-    for draw in command.draws:
-        count *= len(draw)
-    if count > MAX_OUTCOMES:
-        raise InputError(
-            f"a command of [{command.action or ''}] has {count} joint outcomes, "
-            f"at most {MAX_OUTCOMES} are allowed"
-        )
-    for outcomes in product(*command.draws):
-        yield _combined(outcomes)
-
-
-def _combined(outcomes: Draw) -> Outcome:
-    known: dict[str, Expression] = {}
-    probability: Expression = Constant(True)
-    for place, outcome in enumerate(outcomes):
-        primed = {f"{name}'": value for name, value in known.items()}
-        own = substitute(outcome.probability, primed)
-        probability = own if place == 0 else Operation("*", (probability, own))
-        known |= {name: substitute(value, primed) for name, value in outcome.assignments.items()}
-    return Outcome(fold(probability, {}), known)
+    def _is(self, name: str, value: Expression) -> Expression:
+        own = Variable(name, 0)
+        if self._by_name[name].kind != "bool":
+            return self.text.truth_form(Operation("=", (own, value)))
+        return own if whole(value, name) else Operation("!", (own,))

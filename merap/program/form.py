@@ -134,6 +134,7 @@ class Process:
         variables: that only this process assigns.
         commands: in their order.
         initial: a distribution over joint initial values of its variables; processes are independent.
+        meaning: a comment for text.
     """
 
     name: str
@@ -141,6 +142,7 @@ class Process:
     variables: tuple[StateVariable, ...]
     commands: tuple[Command, ...]
     initial: tuple[Start, ...]
+    meaning: str = ""
 
     @cached_property
     def actions(self) -> frozenset[str]:
@@ -170,10 +172,13 @@ class RewardStructure:
     Attributes:
         rules: in their order.
         first_match: the first rule that matches counts; else all that match are added, as in PRISM.
+        shift: the name of a constant: text has a second structure, `<name>_shifted`, in which every step
+            earns so much more that none earns less than 0. None: there is no such structure.
     """
 
     rules: tuple[RewardRule, ...]
     first_match: bool = False
+    shift: str | None = None
 
 
 @dataclass(frozen=True)
@@ -187,6 +192,8 @@ class Program:
         rewards: name -> reward structure.
         initial_predicate: all states where it holds are initial, equally likely; None: the processes say
             where they begin.
+        location: the variables that hold the location together: row and column, or one number.
+        definitions: names that text uses for parts of the program's expressions.
     """
 
     name: str
@@ -194,6 +201,8 @@ class Program:
     labels: Mapping[str, Expression] = field(default_factory=dict)
     rewards: Mapping[str, RewardStructure] = field(default_factory=dict)
     initial_predicate: Expression | None = None
+    location: tuple[str, ...] = ()
+    definitions: Mapping[str, Expression] = field(default_factory=dict)
 
     @cached_property
     def variables(self) -> tuple[StateVariable, ...]:
@@ -257,4 +266,5 @@ def closed(program: Program, values: Mapping[str, Value]) -> Program:
         labels={name: put(where) for name, where in program.labels.items()},
         rewards={name: of_rewards(structure) for name, structure in program.rewards.items()},
         initial_predicate=None if predicate is None else put(predicate),
+        definitions={name: put(value) for name, value in program.definitions.items()},
     )

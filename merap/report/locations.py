@@ -10,10 +10,14 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, Rectangle
 
 from merap.concerns.combination import Combination
+from merap.concerns.composition import compose
 from merap.concerns.space import Space
 from merap.concerns.steps import holds_in_states
+from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
+from merap.program.arrays import tabular
+from merap.program.exploration import explore
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
@@ -98,10 +102,16 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
 
 
 def unsafe_locations(combination: Combination) -> Bools:
-    """Return bool [P], whether the objective calls a state there unsafe, in some mode."""
+    """Return bool [P], whether some state there is unsafe (with processes: one that can be reached)."""
     condition = combination.objective.unsafe
     if condition is None:
         return np.zeros(combination.space.num_locations, dtype=np.bool_)
+    if combination.processes:
+        program = compose(combination)
+        found = tabular(program, explore(program))
+        columns = [found.variable_names.index(name) for name in combination.space.variable_names]
+        place = match_rows(found.valuations[:, columns], combination.space.valuations)
+        return np.bincount(place, found.labels[UNSAFE_LABEL], combination.space.num_locations) > 0
     in_states = holds_in_states(combination, condition)
     return np.logical_or.reduceat(in_states, np.arange(0, len(in_states), len(combination.modes)))
 

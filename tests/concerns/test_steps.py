@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from merap.concerns.combination import Combination, Condition, RewardRule
+from merap.concerns.combination import Condition, RewardRule
 from merap.concerns.steps import holds_in_states
-from merap.concerns.synthesis import attach, least_reward, synthesise, synthesise_pair
+from merap.concerns.synthesis import synthesise
 from tests.support.hand_made import graph_combination, number, parsed, with_objective
 from tests.support.mdp_lookup import reward
 
@@ -53,22 +53,6 @@ def test_a_value_is_computed_only_where_its_rule_matches() -> None:
     mdp = synthesise(with_objective(graph_combination(), rules=rules))
     assert reward(mdp, (S, IDLE, 0), "stop") == pytest.approx(1 / 3)
     assert reward(mdp, (B, IDLE, 0), "stop") == 0
-
-
-def least_on_branches(combination: Combination) -> float:
-    mdp = attach(synthesise_pair(combination), combination)
-    assert mdp.branch_reward is not None
-    return float(mdp.branch_reward.min())
-
-
-def test_least_reward_counts_what_steps_really_bring() -> None:
-    graph = graph_combination()
-    assert least_reward(graph) == -3
-    assert least_reward(with_objective(graph, rules=())) == 0
-    assert least_reward(with_objective(graph, rules=(RewardRule(Condition(), number(5)),))) == 0
-    # light falls by at most 2 along an edge: from A (2) to B (0)
-    falling = with_objective(graph, rules=(RewardRule(Condition(), parsed("light' - light")),), ends_in=None)
-    assert least_reward(falling) == least_on_branches(falling) == -3  # S (3) -across-> B (0)
 
 
 def test_conditions_on_states_read_location_mode_and_attributes() -> None:

@@ -122,38 +122,37 @@ def test_a_small_chain_reads_well() -> None:
 dtmc
 
 // where the system is
-//   modes: 0 ready
-formula complete = done;
-formula pay_0 = row=0 & col=1 ? 2.125 : -0.5;
+formula pay_0 = row=0 & col=1 ? 17/8 : -1/2;
 
 // each state with all that chance and the policy do there
 module policy
   row : [0..1] init 0;
   col : [0..1] init 0;
+  // 0 ready
   mode : [0..1] init 0;
   done : bool init false;
 
   [] row=0 & col=0 & mode=0 & !done -> 0.25 : true + 0.75 : (col'=1);
   [] row=0 & col=1 & mode=0 & !done -> (done'=true);
-  [] complete -> true;
+  [] done -> true;
 endmodule
 
-label "done" = complete;
+label "done" = done;
 label "goal" = row=0 & col=1;
 
 rewards "objective"
-  mode=0 & !complete : pay_0;
+  mode=0 & !done : pay_0;
 endrewards
 
 // every step of every state plus a constant: PRISM-games takes no negative reward
 const double shift = 1;
 rewards "objective_shifted"
-  mode=0 & !complete : shift + pay_0;
-  complete : shift;
+  mode=0 & !done : shift + pay_0;
+  done : shift;
 endrewards
 
 rewards "steps"
-  !complete : 1;
+  !done : 1;
 endrewards
 """
     )

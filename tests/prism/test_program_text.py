@@ -44,7 +44,7 @@ def test_storm_builds_of_the_text_what_is_explored(program: Program, folder: Pat
 
 def test_a_decision_on_decimals_is_one_on_whole_numbers(folder: Path) -> None:
     text = render_program(ONE_COIN)
-    assert 'label "goal" = x <= 3 & x > 2;' in text
+    assert 'label "goal" = x<=3 & x>2;' in text
     model = built(folder, text)
     assert len(list(model.labeling.get_states("goal"))) == 1
 

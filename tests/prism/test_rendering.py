@@ -12,10 +12,19 @@ import numpy as np
 import pytest
 
 from merap.checker.building import build_combination, build_pair
-from merap.concerns.combination import Combination, Condition, Innate, InnateAction, RewardRule
+from merap.concerns.combination import (
+    Combination,
+    Condition,
+    ExternalAction,
+    Innate,
+    InnateAction,
+    Outcome,
+    RewardRule,
+)
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.mdp.comparison import compare
-from merap.prism.rendering import WIDTH, render, render_pair
+from merap.prism.rendering import render, render_pair
+from merap.prism.templates import WIDTH
 from tests.support.hand_made import (
     HAND_MADE,
     cells,
@@ -135,6 +144,25 @@ def test_rewards_and_probabilities_that_read_the_successor() -> None:
     assert "const double shift = 7;" in render(combination)
 
 
+def test_names_of_attributes_that_engines_or_the_text_use_otherwise() -> None:
+    graph = graph_combination()
+    ice, light = sorted(graph.environment.attributes, key=lambda attribute: attribute.name)
+    rules = (
+        RewardRule(Condition(where=parsed("P")), parsed("shift' - 1")),
+        RewardRule(Condition(), parsed("complete + pay_go + row_east")),
+    )
+    names = ("shift", "complete", "pay_go", "row_east", "space", "goal", "end")
+    attributes = (replace(ice, name="P"), *(replace(light, name=name) for name in names))
+    action = ExternalAction(
+        "go", (Outcome(0, parsed("P ? 0.5 : 1")), Outcome(None, parsed("P ? 0.5 : 0"))), "stay"
+    )
+    renamed = with_capability(with_environment(graph, attributes=attributes), external=(action,))
+    combination = with_objective(
+        renamed, rules=rules, unsafe=Condition(where=parsed("goal + space + end > 3"))
+    )
+    require_agreement(combination)
+
+
 # --- large ones ---
 
 
@@ -242,7 +270,7 @@ def test_lines_are_no_longer_than_needed() -> None:
 
 def test_comparisons_are_spaced_alike() -> None:
     body = re.sub(r"formula \w+ =", "", render(graph_combination()))
-    assert not re.search(r"(mode|loc|attribute_\w+) (=|<=|>=|<|>) -?\w", body)
+    assert not re.search(r"(mode|loc|light\w*) (=|<=|>=|<|>) -?\w", body)
 
 
 def test_initial_states_without_weights() -> None:

@@ -13,15 +13,18 @@ from tests.support.case_examples import GRAPH, write_case
 
 
 def test_what_prism_text_declares_is_reserved(tmp_path: Path) -> None:
-    """The text is the second source: every identifier it declares, except actions, is reserved."""
-    text = render(load_case(write_case(tmp_path, GRAPH)).combination_at(0))
+    """The text is the second source: every identifier it declares, except the user's own, is reserved."""
+    combination = load_case(write_case(tmp_path, GRAPH)).combination_at(0)
+    text = render(combination)
     declared = set(
         re.findall(r"^(?:formula|module|const double|label|rewards) \"?(\w+)\"?", text, re.MULTILINE)
     )
     declared |= set(re.findall(r"^ +(\w+) : (?:\[|bool)", text, re.MULTILINE))
     assert {"complete", "space", "goal", "objective", "loc", "mode", "done"} <= declared
     free = {name for name in declared if name not in RESERVED and not name.startswith(RESERVED_PREFIXES)}
-    assert free == set()
+    attributes = [attribute.name for attribute in combination.environment.attributes]
+    assert {"light", "light_east"} <= free
+    assert {name for name in free if not name.startswith(tuple(attributes))} == set()
 
 
 @pytest.mark.parametrize(

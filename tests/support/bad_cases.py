@@ -51,7 +51,6 @@ SPACE: list[Row] = [
     ("default: 2, ", "", "light", "space.attributes.light", "key 'default' is missing: location S has no value"),
     ("    slippery:", "    floor:", "floor", "space.attributes.floor", "illegal name 'floor' of an attribute"),
     ("    slippery:", "    idle:", "idle", "space.attributes.idle", "duplicate name 'idle'"),
-    ("    slope:", "    light_east:", "light_east", "space.attributes.light_east", "duplicate name 'light_east'"),
 ]
 
 NAMES: list[Row] = [
@@ -82,7 +81,7 @@ EXPRESSIONS: list[Row] = [
     ("value: 10 + bonus", "value: 10 + grip", "10 + grip", "objective.rewards[0].value", "unknown variable 'grip' at column 6"),
     ("value: 10 + bonus", "value: 10 / (bonus - bonus)", "10 /", "objective.rewards[0]", "division by zero (objective g)"),
     ("grip * 0.5 : grip", "grip * 0.5", "slippery'", "capability.actions.east.probability", "syntax error at column 23"),
-    ("requires: strong}", "requires: light > 0}", "requires", "west.requires", "unknown variable 'light'"),
+    ("requires: strong}", "requires: lights > 0}", "requires", "west.requires", "unknown variable 'lights' at column 1; did you mean 'light'"),
     ("scanned: grip,", "scanned: grip * light,", "measure", "measure.scanning.scanned", "unknown variable 'light'"),
     ("mode: scanned, where", "mode: scaned, where", "scaned", "ends_in.mode", "unknown mode 'scaned'; did you mean 'scanned'"),
     ("action: stop}", "action: stopp}", "stopp", "ends_after.action", "unknown action 'stopp'; did you mean 'stop'?"),

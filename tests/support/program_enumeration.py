@@ -7,19 +7,24 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from merap.program.expressions import Constant, Expression, Operation, Variable
+from merap.program.expressions import Constant, Expression, Lookup, Operation, Variable
 from merap.program.form import Command, Draw, Program
 
 State = tuple[Any, ...]
 
 
 def value_of(expression: Expression, state: Mapping[str, Any]) -> Any:
-    """Evaluate by the meaning of the operators; raises ZeroDivisionError."""
+    """Evaluate by the meaning of the operators; raises ZeroDivisionError or IndexError."""
     match expression:
         case Constant(value):
             return value
         case Variable(name):
             return state[name]
+        case Lookup(table, index):
+            number = value_of(index, state)
+            if Fraction(number).denominator != 1 or not 0 <= number < len(table.column.codes):
+                raise IndexError
+            return table.column.levels.values[table.column.codes[int(number)]]
         case Operation("?:", (condition, taken, other)):
             return value_of(taken if value_of(condition, state) else other, state)
         case Operation("&" | "|" | "=>" as symbol, (left, right)):
@@ -114,7 +119,7 @@ def _chosen(program: Program, now: Mapping[str, Any]) -> Iterator[tuple[str | No
 def _checked(expression: Expression, state: Mapping[str, Any]) -> Any:
     try:
         return value_of(expression, state)
-    except ZeroDivisionError as error:
+    except (ZeroDivisionError, IndexError) as error:
         raise BrokenError from error
 
 

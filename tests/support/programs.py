@@ -6,9 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
 from hypothesis import strategies as st
 
-from merap.program.expressions import Constant, Expression, Operation, Variable, parse
+from merap.program.expressions import (
+    Column,
+    Constant,
+    Expression,
+    Levels,
+    Lookup,
+    Operation,
+    Table,
+    Variable,
+    parse,
+)
 from merap.program.form import (
     TRUE,
     Command,
@@ -44,10 +55,21 @@ Domains = dict[str, tuple[int, int] | None]
 VARIABLES: dict[str, Domains] = {"p": {"x": (-1, 3), "b": None}, "q": {"y": (0, 4), "z": (2, 3)}}
 
 
+PRICES = Table(
+    "price", Column(Levels((Fraction(1, 10), Fraction(3), Fraction(-2))), np.array([0, 1, 2, 1, 1, 0, 2, 2]))
+)
+UNLOCKED = Table("open", Column(Levels((False, True)), np.array([1, 0, 0, 1, 1, 0])))
+
+
+def looked_up(table: Table, name: str) -> Expression:
+    return Lookup(table, Operation("+", (Variable(name, 0), Constant(Fraction(1)))))
+
+
 def _numbers(names: Sequence[str], depth: int) -> st.SearchStrategy[Expression]:
     leaf = st.sampled_from(
         [*(Constant(value) for value in DECIMALS), *(Constant(Fraction(n)) for n in range(-1, 4))]
         + [Variable(name, 0) for name in names] * 2
+        + [looked_up(PRICES, name) for name in names]
     )
     if depth == 0:
         return leaf
@@ -58,6 +80,7 @@ def _numbers(names: Sequence[str], depth: int) -> st.SearchStrategy[Expression]:
         st.builds(Operation, st.sampled_from(["+", "-", "*", "min", "max", "mod", "/"]), two),
         st.builds(lambda one: Operation("neg", (one,)), inner),
         st.builds(lambda one: Operation("floor", (one,)), inner),
+        st.builds(lambda one: Lookup(PRICES, one), inner),
     )
 
 
@@ -65,7 +88,9 @@ def _truths(numbers: Sequence[str], truths: Sequence[str], depth: int) -> st.Sea
     number = _numbers(numbers, 2)
     leaf = st.builds(
         Operation, st.sampled_from(["<", "<=", "=", "!=", ">", ">="]), st.tuples(number, number)
-    ) | st.sampled_from([Variable(name, 0) for name in truths])
+    ) | st.sampled_from(
+        [*(Variable(name, 0) for name in truths), *(looked_up(UNLOCKED, name) for name in numbers)]
+    )
     if depth == 0:
         return leaf
     inner = _truths(numbers, truths, depth - 1)
@@ -177,3 +202,11 @@ ONE_COIN = Program(
     {"goal": parse("0.1 * x <= 0.3 & x > 2")},
     {"steps": RewardStructure((RewardRule(parse("1"), TRUE, frozenset({"toss"})),))},
 )
+
+
+def process_of(**ranges: tuple[int, int]) -> Process:
+    """A process that owns integers, begins where they are least and does nothing."""
+    own = tuple(integer(name, low, high) for name, (low, high) in ranges.items())
+    return Process(
+        "p", "environment", own, (), start(**{name: str(low) for name, (low, _) in ranges.items()})
+    )

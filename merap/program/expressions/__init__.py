@@ -4,7 +4,16 @@ Variables are those of the state and, with a prime, of the successor (`light'`);
 `fold`. Numbers are exact fractions.
 """
 
-from merap.program.expressions.columns import Column, Columns, Combinations, Integers, Levels, Scope
+from merap.program.expressions.columns import (
+    Column,
+    Columns,
+    Combinations,
+    Integers,
+    Levels,
+    Scope,
+    Value,
+    exact,
+)
 from merap.program.expressions.folding import fold
 from merap.program.expressions.parsing import check, parse
 from merap.program.expressions.text import render, render_constant
@@ -12,12 +21,14 @@ from merap.program.expressions.tree import (
     Constant,
     Expression,
     Kind,
+    Lookup,
     Operation,
-    Value,
+    Table,
     Variable,
-    exact,
+    parts,
     substitute,
     variables,
+    with_parts,
 )
 from merap.program.expressions.values import (
     evaluate,
@@ -35,8 +46,10 @@ __all__ = [
     "Integers",
     "Kind",
     "Levels",
+    "Lookup",
     "Operation",
     "Scope",
+    "Table",
     "Value",
     "Variable",
     "check",
@@ -46,9 +59,11 @@ __all__ = [
     "exact",
     "fold",
     "parse",
+    "parts",
     "render",
     "render_constant",
     "substitute",
     "tabulate",
     "variables",
+    "with_parts",
 ]

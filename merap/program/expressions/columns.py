@@ -17,10 +17,15 @@ import numpy.typing as npt
 from merap.mdp.model import Ints
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions.arrays import LARGEST, Numbers, Truths, numbers
-from merap.program.expressions.tree import Value, exact
 
+Value: TypeAlias = Fraction | bool
 # Below that many integers between the least and the greatest, each is a level, and nothing is sorted.
 DENSE = 4096
+
+
+def exact(number: float) -> Fraction:
+    """Return the fraction that a decimal stands for: 0.8 is 4/5, not the nearest double."""
+    return Fraction(repr(number)) if isinstance(number, float) else Fraction(number)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,11 +58,6 @@ class Levels(ShortRepr):
     def are_whole(self) -> bool:
         """Whether all values are whole numbers."""
         return all(value.denominator == 1 for value in self.values)
-
-    @cached_property
-    def most(self) -> Fraction:
-        """The greatest size of a value."""
-        return max(abs(Fraction(value)) for value in self.values)
 
 
 class Integers(Levels):

@@ -6,8 +6,17 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from merap.errors import InputError
+from merap.program.expressions.columns import Value
 from merap.program.expressions.operators import DECIDED_BY_LEFT, EXACT, bounded
-from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, substitute
+from merap.program.expressions.tree import (
+    Constant,
+    Expression,
+    Lookup,
+    Operation,
+    Table,
+    Variable,
+    substitute,
+)
 
 
 def fold(
@@ -27,16 +36,28 @@ def fold(
         return Constant(constants[expression.name]) if expression.name in constants else expression
     if isinstance(expression, Constant):
         return expression
+    if isinstance(expression, Lookup):
+        return _fold_lookup(expression.table, fold(expression.index, constants, operators))
     if expression.operator == "?:":
         return _fold_choice(expression.arguments, constants, operators)
     if expression.operator in DECIDED_BY_LEFT:
         return _fold_logical(expression.operator, expression.arguments, constants, operators)
     arguments = tuple(fold(argument, constants, operators) for argument in expression.arguments)
+    return _applied(expression.operator, arguments, operators)
+
+
+def _applied(
+    symbol: str, arguments: tuple[Expression, ...], operators: Mapping[str, Callable[..., Any]]
+) -> Expression:
     values = [argument.value for argument in arguments if isinstance(argument, Constant)]
     if len(values) < len(arguments):
-        return Operation(expression.operator, arguments)
-    value = operators[expression.operator](*values)
+        return Operation(symbol, arguments)
+    value = operators[symbol](*values)
     return Constant(value if isinstance(value, bool) else bounded(value))
+
+
+def _fold_lookup(table: Table, index: Expression) -> Expression:
+    return Constant(table.at(index.value)) if isinstance(index, Constant) else Lookup(table, index)
 
 
 def _fold_choice(

@@ -12,7 +12,7 @@ from merap.errors import InputError
 from merap.program.expressions.grammar import ARITIES, parser
 from merap.program.expressions.operators import bounded
 from merap.program.expressions.text import render
-from merap.program.expressions.tree import Constant, Expression, Kind, Operation, Variable
+from merap.program.expressions.tree import Constant, Expression, Kind, Lookup, Operation, Variable, parts
 from merap.program.names import suggestion
 
 MAX_LENGTH = 10_000
@@ -95,8 +95,7 @@ def _depth(expression: Expression) -> int:
     while stack:
         current, depth = stack.pop()
         deepest = max(deepest, depth)
-        if isinstance(current, Operation):
-            stack.extend((argument, depth + 1) for argument in current.arguments)
+        stack.extend((part, depth + 1) for part in parts(current))
     return deepest
 
 
@@ -128,6 +127,9 @@ def _kind(expression: Expression, kinds: Mapping[str, Kind]) -> Kind:
             if name not in kinds:
                 raise InputError(f"unknown variable {name!r} at column {column}{suggestion(name, kinds)}")
             return kinds[name]
+        case Lookup(table, index):
+            _require(expression, [_kind(index, kinds)], "number")
+            return table.kind
         case Operation(symbol, arguments):
             found = [_kind(argument, kinds) for argument in arguments]
             return _kind_of_operation(expression, symbol, found)
@@ -146,9 +148,10 @@ def _kind_of_operation(expression: Operation, symbol: str, found: list[Kind]) ->
     return "bool" if symbol in _LOGICAL | _ORDERS else "number"
 
 
-def _require(expression: Operation, found: Collection[Kind], expected: Kind) -> None:
+def _require(expression: Operation | Lookup, found: Collection[Kind], expected: Kind) -> None:
     for kind in found:
         if kind != expected:
-            symbol = "-" if expression.operator == "neg" else expression.operator
+            symbol = "[]" if isinstance(expression, Lookup) else expression.operator
+            symbol = "-" if symbol == "neg" else symbol
             text = _around(render(expression), 1)
             raise InputError(f"{symbol!r} in {text} needs a {expected} where there is a {kind}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable
+from merap.program.expressions.columns import Value
+from merap.program.expressions.tree import Constant, Expression, Lookup, Operation, Variable
 
 MAX_INTEGER = 2**31 - 1  # of PRISM-games; Storm reads 63 bits
 
@@ -27,7 +28,10 @@ _SIGNS = {"neg": "-", "<=>": "="}
 
 
 def render(expression: Expression, rename: Callable[[str], str] = str) -> str:
-    """PRISM text with no more parentheses than needed; `rename` maps variables."""
+    """PRISM text with no more parentheses than needed; `rename` maps variables.
+
+    PRISM knows no `table[index]`: text for engines needs another expression in place of a lookup.
+    """
     return _render(expression, rename)[0]
 
 
@@ -47,8 +51,11 @@ def _render(expression: Expression, rename: Callable[[str], str]) -> tuple[str, 
             return render_constant(value), _constant_level(value)
         case Variable(name):
             return rename(name), _ATOM
+        case Lookup(table, index):
+            return f"{table.name}[{_render(index, rename)[0]}]", _ATOM
         case Operation("?:", arguments):
-            condition, first, second = (_wrapped(argument, rename, 1) for argument in arguments)
+            condition, first = (_wrapped(argument, rename, 1) for argument in arguments[:2])
+            second = _render(arguments[2], rename)[0]
             return f"{condition} ? {first} : {second}", 0
         case Operation(symbol, arguments) if symbol in _PRECEDENCE:
             return _render_operator(symbol, arguments, rename), _PRECEDENCE[symbol]

@@ -4,20 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
+from functools import cached_property
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions.columns import Column, Value
 
 Kind: TypeAlias = Literal["bool", "number"]
-Value: TypeAlias = Fraction | bool
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A number or a truth value."""
+    """A number or a truth value; 1 is not `true`, as it is in Python."""
 
     value: Value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Constant) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[bool, Value]:
+        return isinstance(self.value, bool), self.value
 
 
 @dataclass(frozen=True)
@@ -36,28 +49,83 @@ class Operation(ShortRepr):
     arguments: tuple[Expression, ...]
 
 
-Expression: TypeAlias = Constant | Variable | Operation
+@dataclass(frozen=True, eq=False, repr=False)
+class Table(ShortRepr):
+    """Values by number, as those of an attribute at every location. A table equals itself alone.
+
+    Attributes:
+        name: what text calls the value.
+        column: M values; entry m is that of number m.
+        step: what text adds to the name of a table that is read at this one's value.
+        meaning: a comment for text; empty: none.
+    """
+
+    name: str
+    column: Column
+    step: str = ""
+    meaning: str = ""
+
+    @property
+    def kind(self) -> Kind:
+        """The type of the values."""
+        return "bool" if isinstance(self.column.levels.values[0], bool) else "number"
+
+    @cached_property
+    def lone(self) -> Constant | None:
+        """The value, if it is the same everywhere."""
+        first = self.column.codes[0]
+        return Constant(self.column.levels.values[first]) if np.all(self.column.codes == first) else None
+
+    def at(self, number: Value) -> Value:
+        """Return one value.
+
+        Raises:
+            InputError: there is no such number.
+        """
+        count = len(self.column.codes)
+        if number.denominator != 1 or not 0 <= number < count:
+            raise InputError(f"{self.name} has no value at {number}, it has {count}, from 0 on")
+        code: int = self.column.codes[int(number)]
+        return self.column.levels.values[code]
+
+
+@dataclass(frozen=True, repr=False)
+class Lookup(ShortRepr):
+    """The value in a table at a number; undefined where the table has no such number."""
+
+    table: Table
+    index: Expression
+
+
+Expression: TypeAlias = Constant | Variable | Operation | Lookup
+
+
+def parts(expression: Expression) -> tuple[Expression, ...]:
+    """Return the expressions that one is made of."""
+    if isinstance(expression, Operation):
+        return expression.arguments
+    return (expression.index,) if isinstance(expression, Lookup) else ()
+
+
+def with_parts(expression: Expression, new: tuple[Expression, ...]) -> Expression:
+    """Return the expression made of other parts."""
+    if isinstance(expression, Operation):
+        return Operation(expression.operator, new)
+    return Lookup(expression.table, new[0]) if isinstance(expression, Lookup) else expression
 
 
 def variables(expression: Expression) -> Iterator[Variable]:
     """Yield every occurrence of a variable, left to right."""
     if isinstance(expression, Variable):
         yield expression
-    elif isinstance(expression, Operation):
-        for argument in expression.arguments:
-            yield from variables(argument)
+    for part in parts(expression):
+        yield from variables(part)
 
 
 def substitute(expression: Expression, values: Mapping[str, Expression]) -> Expression:
     """Return the expression with other expressions in place of some variables."""
     if isinstance(expression, Variable):
         return values.get(expression.name, expression)
-    if isinstance(expression, Constant) or not values:
+    if not values:
         return expression
-    arguments = tuple(substitute(argument, values) for argument in expression.arguments)
-    return Operation(expression.operator, arguments)
-
-
-def exact(number: float) -> Fraction:
-    """Return the fraction that a decimal stands for: 0.8 is 4/5, not the nearest double."""
-    return Fraction(repr(number)) if isinstance(number, float) else Fraction(number)
+    return with_parts(expression, tuple(substitute(part, values) for part in parts(expression)))

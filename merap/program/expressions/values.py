@@ -11,6 +11,7 @@ Axes: B steps, M distinct combinations of levels.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -21,10 +22,18 @@ import numpy.typing as npt
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints
 from merap.program.expressions.arrays import FUNCTIONS, LARGEST, Numbers, Truths, choose
-from merap.program.expressions.columns import Columns, Combinations, Levels, Scope
+from merap.program.expressions.columns import Columns, Combinations, Levels, Scope, Value
 from merap.program.expressions.folding import fold
 from merap.program.expressions.operators import NEAREST
-from merap.program.expressions.tree import Constant, Expression, Operation, Value, Variable, variables
+from merap.program.expressions.tree import (
+    Constant,
+    Expression,
+    Lookup,
+    Operation,
+    Table,
+    Variable,
+    variables,
+)
 
 # Integers up to here are doubles, so that their quotient is the double nearest to the fraction.
 EXACT_DOUBLES = 2**53
@@ -203,12 +212,24 @@ def _compute(
         case Variable(name):
             levels, codes = read[name]
             return (levels.big if big else levels.small)[codes]
+        case Lookup(table, index):
+            return _looked_up(table, _compute(index, read, big=big), big=big)
         case Operation("?:", (condition, taken, other)):
             parts = (_compute(part, read, big=big) for part in (condition, taken, other))
             chosen: Numbers | Truths = choose(*parts)
             return chosen
         case Operation(symbol, arguments):
             return FUNCTIONS[symbol](*(_compute(argument, read, big=big) for argument in arguments))
+
+
+def _looked_up(table: Table, index: Numbers | Truths, *, big: bool) -> Numbers | Truths:
+    """Gather values; those at a number that the table does not have are not known."""
+    assert isinstance(index, Numbers)
+    codes = table.column.codes
+    fits = index.known & (index.den == 1) & (index.num >= 0) & (index.num < len(codes))
+    levels = table.column.levels
+    found = (levels.big if big else levels.small)[codes[np.where(fits, index.num, 0).astype(np.int64)]]
+    return replace(found, known=found.known & fits.astype(np.bool_))
 
 
 @lru_cache(maxsize=4096, typed=True)

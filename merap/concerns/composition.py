@@ -1,0 +1,256 @@
+"""Compose a combination: its three concerns as one program.
+
+The rules have numbers: 1 external actions, 2 where they are enabled, 3 innate actions, 4 rewards and ends.
+Three processes step together: `space` owns the location and draws every outcome of external actions,
+`capability` owns the mode and says where external actions are enabled, `objective` owns `done` and stops all
+others in complete states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from merap.concerns.combination import Combination, Condition, ExternalAction, InnateAction, Outcome
+from merap.concerns.conditions import all_of
+from merap.concerns.location_tables import LocationTables, is_mode, mode_in
+from merap.concerns.processes import as_process, linked
+from merap.mdp.model import Bools, Floats
+from merap.mdp.reserved_names import (
+    COMPLETE_LABEL,
+    END_ACTION,
+    FLAG_VARIABLE,
+    GOAL_LABEL,
+    MODE_VARIABLE,
+    UNSAFE_LABEL,
+)
+from merap.program.expressions import Constant, Expression, Operation, Variable
+from merap.program.form import (
+    TRUE,
+    Command,
+    Process,
+    Program,
+    RewardRule,
+    RewardStructure,
+    Start,
+    StateVariable,
+    boolean,
+    integer,
+)
+from merap.program.form import Outcome as Drawn
+
+ONE = Constant(Fraction(1))
+SHIFT = "shift"
+
+
+def compose(combination: Combination) -> Program:
+    """Return the program of a combination; its reward structures are `objective` and `steps`."""
+    tables = LocationTables(combination)
+    complete = _complete(combination, tables)
+    labels = {
+        COMPLETE_LABEL: complete,
+        GOAL_LABEL: tables.within(combination.objective.goal),
+    }
+    if combination.objective.unsafe is not None:
+        labels[UNSAFE_LABEL] = tables.holds(combination.objective.unsafe)
+    rewards = {
+        "objective": RewardStructure(tuple(_rules(combination, tables)), first_match=True, shift=SHIFT),
+        "steps": RewardStructure((RewardRule(ONE, _not(complete)),)),
+    }
+    return Program(
+        combination.name,
+        _processes(
+            combination,
+            tables,
+            _space(combination, tables, combination.objective.start),
+            _objective(combination, tables, complete),
+        ),
+        labels,
+        rewards,
+        location=combination.space.variable_names,
+        definitions={"complete": complete, **tables.successors()},
+    )
+
+
+def compose_pair(combination: Combination, starts: Bools) -> Program:
+    """Return the program of environment and capability alone, without rewards; every state may rest.
+
+    Args:
+        combination: whose objective does not matter.
+        starts: bool [P], locations an episode may begin in, equally likely.
+    """
+    tables = LocationTables(combination)
+    space = _space(combination, tables, starts / np.count_nonzero(starts))
+    rest = Process(
+        "rest",
+        "objective",
+        (),
+        (_command(END_ACTION, TRUE),),
+        (Start(ONE, {}),),
+        "no objective: every state may rest",
+    )
+    return Program(
+        f"{combination.environment.name}.{combination.capability.name}",
+        _processes(combination, tables, space, rest),
+        location=combination.space.variable_names,
+        definitions=tables.successors(),
+    )
+
+
+def _not(condition: Expression) -> Expression:
+    return Operation("!", (condition,))
+
+
+def _processes(
+    combination: Combination, tables: LocationTables, space: Process, last: Process
+) -> tuple[Process, ...]:
+    """Return all processes: space, environment, capability, objective; those that are linked are one."""
+    actions = _actions(combination)
+    declared = [tables.read_process(one) for one in combination.processes]
+    own: dict[str, list[Process]] = {"environment": [], "capability": [], "objective": []}
+    for one in declared:
+        own[one.concern].append(as_process(one, actions))
+    capability = _capability(combination, tables)
+    order = [space, *own["environment"], capability, *own["capability"], *own["objective"], last]
+    return linked(order, declared)
+
+
+def _command(action: str, guard: Expression, *outcomes: Drawn) -> Command:
+    return Command(action, guard, (outcomes or (Drawn(ONE),),), f"[{action}]")
+
+
+# --- space: rule 1 ---
+
+
+def _space(combination: Combination, tables: LocationTables, start: Floats) -> Process:
+    space = combination.space
+    bounds = zip(space.variable_names, space.valuations.max(axis=0).tolist(), strict=True)
+    return Process(
+        "space",
+        "environment",
+        tuple(_coordinate(combination, name, high) for name, high in bounds),
+        tuple(_external(action, tables) for action in combination.capability.external),
+        tuple(
+            Start(
+                Constant(Fraction(float(start[place]))),
+                {
+                    name: Constant(Fraction(value))
+                    for name, value in zip(
+                        space.variable_names, space.valuations[place].tolist(), strict=True
+                    )
+                },
+            )
+            for place in np.flatnonzero(start).tolist()
+        ),
+        f"environment {combination.environment.name}: where the system is",
+    )
+
+
+def _coordinate(combination: Combination, name: str, high: int) -> StateVariable:
+    """Return a location variable; on a graph its values have the names of the locations."""
+    if combination.space.shape is not None:
+        return integer(name, 0, high)
+    return replace(integer(name, 0, high), kind="named", values=combination.space.locations)
+
+
+def _external(action: ExternalAction, tables: LocationTables) -> Command:
+    intended = action.outcomes[0].move
+    disables = action.on_blocked == "disable" and intended is not None
+    return _command(
+        action.name,
+        tables.open(intended) if disables and intended is not None else TRUE,
+        *(_outcome(outcome, intended, tables) for outcome in action.outcomes),
+    )
+
+
+def _outcome(outcome: Outcome, intended: int | None, tables: LocationTables) -> Drawn:
+    assignments = {} if outcome.move is None else tables.successor(outcome.move)
+    return Drawn(tables.intended(outcome.probability, intended), assignments)
+
+
+# --- capability: rules 2 and 3 ---
+
+
+def _capability(combination: Combination, tables: LocationTables) -> Process:
+    capability, modes = combination.capability, combination.modes
+    terminal = mode_in(capability.terminal(len(modes)))
+    commands = [
+        _command(action.name, all_of([terminal, tables.read(action.requires)]))
+        for action in capability.external
+    ]
+    if capability.innate is not None:
+        innate = capability.innate
+        commands += [command for action in innate.actions for command in _innate(action)]
+        if innate.restart:
+            commands.append(_command(innate.start_action, terminal, _to_mode(ONE, innate.entry)))
+    return Process(
+        "capability",
+        "capability",
+        (replace(integer(MODE_VARIABLE, 0, len(modes) - 1), kind="named", values=modes),),
+        tuple(commands),
+        (Start(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))}),),
+        f"capability {capability.name}: what the system can do",
+    )
+
+
+def _innate(action: InnateAction) -> Iterator[Command]:
+    for mode, row in action.transitions.items():
+        outcomes = [_to_mode(Constant(chance), successor) for successor, chance in row.items() if chance]
+        yield _command(action.name, is_mode(mode), *outcomes)
+
+
+def _to_mode(chance: Expression, mode: int) -> Drawn:
+    return Drawn(chance, {MODE_VARIABLE: Constant(Fraction(mode))})
+
+
+# --- objective: rule 4 ---
+
+
+def _actions(combination: Combination) -> list[str]:
+    """Return the actions of this capability, in declared order; an innate one may be defined nowhere."""
+    capability = combination.capability
+    names = [action.name for action in capability.external]
+    if capability.innate is not None:
+        names += [action.name for action in capability.innate.actions if action.transitions]
+        names += [capability.innate.start_action] if capability.innate.restart else []
+    return names
+
+
+def _complete(combination: Combination, tables: LocationTables) -> Expression:
+    flag = Variable(FLAG_VARIABLE, 0)
+    ends_in = combination.objective.ends_in
+    return flag if ends_in is None else Operation("|", (flag, tables.holds(ends_in)))
+
+
+def _objective(combination: Combination, tables: LocationTables, complete: Expression) -> Process:
+    going = _not(complete)
+    commands = [
+        _command(action, going, *_flagged(combination.objective.ends_after, action, tables))
+        for action in _actions(combination)
+    ]
+    return Process(
+        "objective",
+        "objective",
+        (boolean(FLAG_VARIABLE),),
+        (*commands, _command(END_ACTION, complete)),
+        (Start(ONE, {FLAG_VARIABLE: Constant(False)}),),
+        f"objective {combination.objective.name}: what the user wants",
+    )
+
+
+def _flagged(ends_after: Condition | None, action: str, tables: LocationTables) -> list[Drawn]:
+    if ends_after is None or (ends_after.actions is not None and action not in ends_after.actions):
+        return []
+    return [Drawn(ONE, {FLAG_VARIABLE: tables.holds(ends_after)})]
+
+
+def _rules(combination: Combination, tables: LocationTables) -> Iterator[RewardRule]:
+    """Yield the rules, each for the actions that it is about; `end` earns nothing."""
+    known = frozenset(_actions(combination))
+    for rule in combination.objective.rules:
+        actions = known if rule.condition.actions is None else known & rule.condition.actions
+        if actions:
+            yield RewardRule(tables.read(rule.value), tables.holds(rule.condition), actions)

@@ -1,0 +1,162 @@
+"""Read what a combination has at its locations, as expressions over the location variables.
+
+Axes: P locations, Q modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from functools import reduce
+
+import numpy as np
+
+from merap.concerns.combination import Combination, Condition
+from merap.concerns.conditions import all_of
+from merap.concerns.processes import DeclaredProcess
+from merap.mdp.model import Bools, Ints
+from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.program.expressions import (
+    Column,
+    Constant,
+    Expression,
+    Lookup,
+    Operation,
+    Table,
+    Variable,
+    substitute,
+)
+from merap.program.form import TRUE
+
+# Coordinates move by one of so many distances, or else each move has its target.
+MAX_SHIFTS = 8
+
+
+class LocationTables:
+    """The tables of a combination, each made once."""
+
+    def __init__(self, combination: Combination) -> None:
+        self._combination = combination
+        self._space = combination.space
+        self._passable = combination.passable
+        self._tables: dict[tuple[str, bytes], Table] = {}
+        self._successors: dict[int, dict[str, Expression]] = {}
+        self._here, self._there = self._index(""), self._index("'")
+        here: dict[str, Expression] = {}
+        for attribute in combination.environment.attributes:
+            table = Table(attribute.name, attribute.column)
+            here |= {
+                attribute.name: Lookup(table, self._here),
+                f"{attribute.name}'": Lookup(table, self._there),
+            }
+        self._attributes = here
+
+    def _index(self, prime: str) -> Expression:
+        names = [Variable(f"{name}{prime}", 0) for name in self._space.variable_names]
+        if self._space.shape is None:
+            return names[0]
+        columns = Constant(Fraction(self._space.shape[1]))
+        return Operation("+", (Operation("*", (columns, names[0])), names[1]))
+
+    def read(self, expression: Expression) -> Expression:
+        """Return an expression over attributes as one over the location; primed: that of the successor."""
+        return substitute(expression, self._attributes)
+
+    def read_process(self, process: DeclaredProcess) -> DeclaredProcess:
+        """Return a process whose changes read attributes as one that reads the location."""
+        return process.mapped(self.read)
+
+    def intended(self, expression: Expression, move: int | None) -> Expression:
+        """Return a probability over attributes here and, primed, where a move leads; the mode stays."""
+        known: dict[str, Expression] = {f"{MODE_VARIABLE}'": Variable(MODE_VARIABLE, 0)}
+        for attribute in self._combination.environment.attributes:
+            known[attribute.name] = self._attributes[attribute.name]
+            known[f"{attribute.name}'"] = self._attributes[attribute.name]
+            if move is not None:
+                name = f"{attribute.name}_{self._space.moves[move]}"
+                column = attribute.column[self._targets(move)]
+                known[f"{attribute.name}'"] = Lookup(self._table(name, column), self._here)
+        return substitute(expression, known)
+
+    def open(self, move: int) -> Expression:
+        """Return where a move is possible."""
+        return self._open(move, self._passable[:, move])
+
+    def successor(self, move: int) -> Mapping[str, Expression]:
+        """Return what a move makes of the location variables; those that it never changes are left out."""
+        if move not in self._successors:
+            after = self._space.valuations[self._targets(move)]
+            columns = zip(self._space.variable_names, self._space.valuations.T, after.T, strict=True)
+            self._successors[move] = {
+                name: self._moved(move, name, old, new)
+                for name, old, new in columns
+                if not np.array_equal(old, new)
+            }
+        return self._successors[move]
+
+    def successors(self) -> dict[str, Expression]:
+        """Return names for what was asked of `successor`."""
+        return {
+            f"{name}_{self._space.moves[move]}": value
+            for move, values in self._successors.items()
+            for name, value in values.items()
+        }
+
+    def _moved(self, move: int, name: str, old: Ints, new: Ints) -> Expression:
+        here, label = Variable(name, 0), self._space.moves[move]
+        distances = np.unique(new - old)
+        steps = distances[distances != 0].tolist()
+        if len(steps) == 1:
+            distance = Constant(Fraction(abs(steps[0])))
+            there = Operation("+" if steps[0] > 0 else "-", (here, distance))
+            return Operation("?:", (self._open(move, new != old), there, here))
+        if len(distances) <= MAX_SHIFTS:
+            table = self._table(f"{name}_step_{label}", Column.of(new - old), label)
+            return Operation("+", (here, Lookup(table, self._here)))
+        return Lookup(self._table(f"{name}_{label}", Column.of(new), label), self._here)
+
+    def _open(self, move: int, mask: Bools) -> Expression:
+        label = self._space.moves[move]
+        return Lookup(self._table(f"open_{label}", Column.of(mask), label), self._here)
+
+    def _targets(self, move: int) -> Ints:
+        """int64 [P], where a move leads; a blocked one stays."""
+        here = np.arange(self._space.num_locations)
+        return np.where(self._passable[:, move], self._space.target[:, move], here)
+
+    def _table(self, name: str, column: Column, step: str = "") -> Table:
+        """Return a table; those of one name and content are one."""
+        key = name, column.codes.tobytes()
+        return self._tables.setdefault(key, Table(name, column, step))
+
+    def within(self, mask: Bools, *, after: bool = False) -> Expression:
+        """Return whether the location, or that of the successor, is in a mask (bool [P])."""
+        return Lookup(self._table("", Column.of(mask)), self._there if after else self._here)
+
+    def holds(self, condition: Condition) -> Expression:
+        """Return a condition on a step without its actions."""
+        terms: list[Expression] = []
+        if condition.at is not None:
+            terms.append(self.within(condition.at))
+        if condition.modes is not None:
+            terms.append(mode_in(condition.modes))
+        if condition.to is not None:
+            terms.append(self.within(condition.to, after=True))
+        if condition.to_modes is not None:
+            terms.append(mode_in(condition.to_modes, MODE_VARIABLE + "'"))
+        if condition.where is not None:
+            terms.append(self.read(condition.where))
+        return all_of(terms)
+
+
+def is_mode(mode: int, name: str = MODE_VARIABLE) -> Expression:
+    """Return the condition of one mode."""
+    return Operation("=", (Variable(name, 0), Constant(Fraction(mode))))
+
+
+def mode_in(modes: Bools, name: str = MODE_VARIABLE) -> Expression:
+    """Return membership in a set of modes (bool [Q])."""
+    if modes.all():
+        return TRUE
+    terms = [is_mode(mode, name) for mode in np.flatnonzero(modes).tolist()]
+    return reduce(lambda left, right: Operation("|", (left, right)), terms) if terms else Constant(False)

@@ -1,0 +1,214 @@
+"""Processes that a case declares: variables that change with every step by their first matching change.
+
+A change may read, with a prime, what the space or a process declared earlier becomes in the same step. Such
+processes are linked: they draw one joint outcome, and are one process of the program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import reduce
+from itertools import product
+
+from merap.concerns.conditions import all_of, none_of
+from merap.errors import InputError
+from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Constant, Expression, Operation, Variable, fold, variables
+from merap.program.form import (
+    TRUE,
+    Command,
+    ConcernName,
+    Draw,
+    Outcome,
+    Process,
+    Start,
+    StateVariable,
+)
+
+ONE, NOUGHT = Constant(Fraction(1)), Constant(Fraction(0))
+
+
+@dataclass(frozen=True, repr=False)
+class Change(ShortRepr):
+    """What a step makes of a process's variables.
+
+    Attributes:
+        actions: with which it happens; None: with every declared action, never with `end`.
+        where: condition on the state before the step and, primed, on what was declared earlier.
+        outcomes: a distribution; variables that an outcome does not assign keep their value.
+    """
+
+    actions: frozenset[str] | None
+    where: Expression
+    outcomes: Draw
+
+
+@dataclass(frozen=True, repr=False)
+class DeclaredProcess(ShortRepr):
+    """A process as a case declares it.
+
+    Attributes:
+        name: of the process.
+        concern: that owns it.
+        variables: its own.
+        initial: a distribution over their joint initial values.
+        changes: the first that matches counts; without a match nothing changes.
+    """
+
+    name: str
+    concern: ConcernName
+    variables: tuple[StateVariable, ...]
+    initial: tuple[Start, ...]
+    changes: tuple[Change, ...]
+
+    def mapped(self, change: Callable[[Expression], Expression]) -> DeclaredProcess:
+        """Return the process with every expression changed."""
+
+        def values(own: Mapping[str, Expression]) -> dict[str, Expression]:
+            return {name: change(value) for name, value in own.items()}
+
+        def outcomes(draw: Draw) -> Draw:
+            return tuple(Outcome(change(one.probability), values(one.assignments)) for one in draw)
+
+        return replace(
+            self,
+            initial=tuple(Start(change(one.probability), values(one.values)) for one in self.initial),
+            changes=tuple(
+                Change(one.actions, change(one.where), outcomes(one.outcomes)) for one in self.changes
+            ),
+        )
+
+
+def as_process(declared: DeclaredProcess, actions: Sequence[str]) -> Process:
+    """Return the process, with commands that exclude each other for each action that it changes with."""
+    commands: list[Command] = []
+    for action in actions:
+        changes = [one for one in declared.changes if one.actions is None or action in one.actions]
+        if changes and any(_primed(one) for one in changes):
+            commands.append(_drawn(declared.name, action, changes))
+        elif changes:
+            commands += _guarded(declared.name, action, changes)
+    meaning = f"{declared.concern}: {declared.name}"
+    return Process(
+        declared.name, declared.concern, declared.variables, tuple(commands), declared.initial, meaning
+    )
+
+
+def _first_matches(changes: Sequence[Change]) -> Iterator[tuple[Expression, Draw]]:
+    """Yield where each change is the first that matches; last, where none is: nothing changes."""
+    before: list[Expression] = []
+    for change in changes:
+        yield all_of([none_of(before), change.where]), change.outcomes
+        if change.where == TRUE:
+            return
+        before.append(change.where)
+    yield none_of(before), (Outcome(ONE),)
+
+
+def _guarded(name: str, action: str, changes: Sequence[Change]) -> Iterator[Command]:
+    for guard, outcomes in _first_matches(changes):
+        yield Command(action, guard, (outcomes,), f"[{action}] of {name}")
+
+
+def _drawn(name: str, action: str, changes: Sequence[Change]) -> Command:
+    """Return one command: what it reads of the step is known only when it draws."""
+    if all(one.outcomes == (replace(one.outcomes[0], probability=ONE),) for one in changes):
+        return Command(action, TRUE, ((Outcome(ONE, _decided(changes)),),), f"[{action}] of {name}")
+    outcomes = [
+        outcome if where == TRUE else Outcome(_where(where, outcome.probability), outcome.assignments)
+        for where, own in _first_matches(changes)
+        for outcome in own
+    ]
+    return Command(action, TRUE, (tuple(outcomes),), f"[{action}] of {name}")
+
+
+def _decided(changes: Sequence[Change]) -> dict[str, Expression]:
+    """Return what variables become where no change draws: one outcome, whatever matches."""
+    values: dict[str, Expression] = {}
+    for change in reversed(changes):
+        given = change.outcomes[0].assignments
+        for name in {**values, **given}:
+            keeps = Variable(name, 0)
+            taken, other = given.get(name, keeps), values.get(name, keeps)
+            values[name] = taken if change.where == TRUE else Operation("?:", (change.where, taken, other))
+    return values
+
+
+def _where(condition: Expression, probability: Expression) -> Expression:
+    return Operation("?:", (condition, probability, NOUGHT))
+
+
+def _primed(change: Change) -> set[str]:
+    parts = [change.where]
+    for outcome in change.outcomes:
+        parts += [outcome.probability, *outcome.assignments.values()]
+    return {one.name[:-1] for part in parts for one in variables(part) if one.name.endswith("'")}
+
+
+def linked(processes: Sequence[Process], declared: Sequence[DeclaredProcess]) -> tuple[Process, ...]:
+    """Put processes together of which one reads what another becomes, where the last of them stands.
+
+    Args:
+        processes: all of a program, in order of declaration.
+        declared: those of them that a case declares.
+
+    Raises:
+        InputError: one reads what it becomes itself, or what a later one becomes.
+    """
+    owner = {one.name: place for place, process in enumerate(processes) for one in process.variables}
+    places = {process.name: place for place, process in enumerate(processes)}
+    group = list(range(len(processes)))
+    for one in declared:
+        place = places[one.name]
+        for name in sorted({name for change in one.changes for name in _primed(change)}):
+            if owner[name] >= place:
+                other = processes[owner[name]].name
+                raise InputError(
+                    f"{one.name} reads what {name} becomes, which {other} decides: "
+                    "only processes declared earlier can be read so"
+                )
+            old, new = group[owner[name]], group[place]
+            group = [new if number == old else number for number in group]
+    members = {
+        number: [process for process, own in zip(processes, group, strict=True) if own == number]
+        for number in sorted(set(group))
+    }
+    last = {max(places[process.name] for process in own): own for own in members.values()}
+    return tuple(_together(last[place]) for place in sorted(last))
+
+
+def _together(members: Sequence[Process]) -> Process:
+    if len(members) == 1:
+        return members[0]
+    actions = dict.fromkeys(command.action for process in members for command in process.commands)
+    commands: list[Command] = []
+    for action in actions:
+        known = [[one for one in process.commands if one.action == action] for process in members]
+        for chosen in product(*filter(None, known)):
+            guard = all_of([one.guard for one in chosen])
+            draws = tuple(draw for one in chosen for draw in one.draws)
+            commands.append(Command(action, guard, draws, chosen[-1].place))
+    starts = tuple(_joint_start(chosen) for chosen in product(*(process.initial for process in members)))
+    return Process(
+        members[-1].name,
+        members[-1].concern,
+        tuple(variable for process in members for variable in process.variables),
+        tuple(commands),
+        starts,
+        "; ".join(process.meaning for process in members),
+    )
+
+
+def _joint_start(chosen: Sequence[Start]) -> Start:
+    probability = reduce(
+        lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)
+    )
+    return Start(fold(probability, {}), {name: value for one in chosen for name, value in one.values.items()})
+
+
+def moved(names: Sequence[str]) -> Expression:
+    """Return whether a step changes any of the location variables."""
+    differs = (Operation("!=", (Variable(f"{name}'", 0), Variable(name, 0))) for name in names)
+    return reduce(lambda left, right: Operation("|", (left, right)), differs)
