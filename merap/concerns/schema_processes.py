@@ -100,7 +100,7 @@ class VariableSpec(Spec):
         return self
 
 
-class ChangeSpec(Spec):
+class ProcessChangeSpec(Spec):
     """A change; the first that matches a step counts, without a match nothing changes."""
 
     action: Names | None = Field(default=None, description="an action or several; left out or `any`: all")
@@ -112,7 +112,7 @@ class ProcessSpec(VariableSpec):
     """One variable that is called as the process, or several under `variables`."""
 
     variables: dict[Name, VariableSpec] = Field(default={}, description="name: a variable")
-    changes: tuple[ChangeSpec, ...] = Field(default=(), description="rules of change, in order")
+    changes: tuple[ProcessChangeSpec, ...] = Field(default=(), description="rules of change, in order")
 
     @model_validator(mode="after")
     def _one_form(self) -> ProcessSpec:
