@@ -18,13 +18,13 @@ from merap.errors import InputError
 from merap.program.expressions import Constant, Expression, Operation, Variable, fold
 from merap.program.form import (
     Command,
-    Outcome,
+    InitialValues,
     Process,
     Program,
-    RewardRule,
+    RewardItem,
     RewardStructure,
-    Start,
     StateVariable,
+    Update,
 )
 
 GLOBALS = "globals"
@@ -101,12 +101,12 @@ def _variables_only(name: str, integers: Any, booleans: Any, *, starts: bool) ->
     values = {}
     if starts:
         values = {one.name: _tree(one.initial_value_expression) for one in (*integers, *booleans)}
-    return Process(name, "environment", tuple(variables), (), (Start(_ONE, values),))
+    return Process(name, "environment", tuple(variables), (), (InitialValues(_ONE, values),))
 
 
 def _command(module: str, command: Any) -> Command:
     outcomes = tuple(
-        Outcome(
+        Update(
             _tree(update.probability_expression),
             {one.variable.name: _tree(one.expression) for one in update.assignments},
         )
@@ -183,7 +183,7 @@ def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
         yield block[1] or "", RewardStructure(rules)
 
 
-def _rule(parser: Any, item: str) -> RewardRule:
+def _rule(parser: Any, item: str) -> RewardItem:
     """Read `[action] guard: value;` or `guard: value;`."""
     actions: frozenset[str | None] = frozenset()
     if found := re.match(r"\[(\w*)\] ", item):
@@ -192,7 +192,7 @@ def _rule(parser: Any, item: str) -> RewardRule:
     depth = np.cumsum(signs == "(") - np.cumsum(signs == ")")
     place = int(np.flatnonzero((signs == ":") & (depth == 0))[0])
     guard, value = item[:place], item[place + 1 :].rstrip(";")
-    return RewardRule(_tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions)
+    return RewardItem(_tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions)
 
 
 def main(given: str, found: str) -> None:

@@ -31,16 +31,16 @@ from merap.program.expressions import Constant, Expression, Operation, Variable
 from merap.program.form import (
     TRUE,
     Command,
+    InitialValues,
     Process,
     Program,
-    RewardRule,
+    RewardItem,
     RewardStructure,
-    Start,
     StateVariable,
+    Update,
     boolean,
     integer,
 )
-from merap.program.form import Outcome as Drawn
 
 ONE = Constant(Fraction(1))
 SHIFT = "shift"
@@ -58,7 +58,7 @@ def compose(combination: Combination) -> Program:
         labels[UNSAFE_LABEL] = tables.holds(combination.objective.unsafe)
     rewards = {
         "objective": RewardStructure(tuple(_rules(combination, tables)), first_match=True, shift=SHIFT),
-        "steps": RewardStructure((RewardRule(ONE, _not(complete)),)),
+        "steps": RewardStructure((RewardItem(ONE, _not(complete)),)),
     }
     return Program(
         combination.name,
@@ -89,7 +89,7 @@ def compose_pair(combination: Combination, starts: Bools) -> Program:
         "objective",
         (),
         (_command(END_ACTION, TRUE),),
-        (Start(ONE, {}),),
+        (InitialValues(ONE, {}),),
         "no objective: every state may rest",
     )
     return Program(
@@ -118,8 +118,8 @@ def _processes(
     return linked(order, declared)
 
 
-def _command(action: str, guard: Expression, *outcomes: Drawn) -> Command:
-    return Command(action, guard, (outcomes or (Drawn(ONE),),), f"[{action}]")
+def _command(action: str, guard: Expression, *outcomes: Update) -> Command:
+    return Command(action, guard, (outcomes or (Update(ONE),),), f"[{action}]")
 
 
 # --- space: rule 1 ---
@@ -134,7 +134,7 @@ def _space(combination: Combination, tables: LocationTables, start: Floats) -> P
         tuple(_coordinate(combination, name, high) for name, high in bounds),
         tuple(_external(action, tables) for action in combination.capability.external),
         tuple(
-            Start(
+            InitialValues(
                 Constant(Fraction(float(start[place]))),
                 {
                     name: Constant(Fraction(value))
@@ -166,9 +166,9 @@ def _external(action: ExternalAction, tables: LocationTables) -> Command:
     )
 
 
-def _outcome(outcome: Outcome, intended: int | None, tables: LocationTables) -> Drawn:
+def _outcome(outcome: Outcome, intended: int | None, tables: LocationTables) -> Update:
     assignments = {} if outcome.move is None else tables.successor(outcome.move)
-    return Drawn(tables.intended(outcome.probability, intended), assignments)
+    return Update(tables.intended(outcome.probability, intended), assignments)
 
 
 # --- capability: rules 2 and 3 ---
@@ -191,7 +191,7 @@ def _capability(combination: Combination, tables: LocationTables) -> Process:
         "capability",
         (replace(integer(MODE_VARIABLE, 0, len(modes) - 1), kind="named", values=modes),),
         tuple(commands),
-        (Start(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))}),),
+        (InitialValues(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))}),),
         f"capability {capability.name}: what the system can do",
     )
 
@@ -202,8 +202,8 @@ def _innate(action: InnateAction) -> Iterator[Command]:
         yield _command(action.name, is_mode(mode), *outcomes)
 
 
-def _to_mode(chance: Expression, mode: int) -> Drawn:
-    return Drawn(chance, {MODE_VARIABLE: Constant(Fraction(mode))})
+def _to_mode(chance: Expression, mode: int) -> Update:
+    return Update(chance, {MODE_VARIABLE: Constant(Fraction(mode))})
 
 
 # --- objective: rule 4 ---
@@ -236,21 +236,21 @@ def _objective(combination: Combination, tables: LocationTables, complete: Expre
         "objective",
         (boolean(FLAG_VARIABLE),),
         (*commands, _command(END_ACTION, complete)),
-        (Start(ONE, {FLAG_VARIABLE: Constant(False)}),),
+        (InitialValues(ONE, {FLAG_VARIABLE: Constant(False)}),),
         f"objective {combination.objective.name}: what the user wants",
     )
 
 
-def _flagged(ends_after: Condition | None, action: str, tables: LocationTables) -> list[Drawn]:
+def _flagged(ends_after: Condition | None, action: str, tables: LocationTables) -> list[Update]:
     if ends_after is None or (ends_after.actions is not None and action not in ends_after.actions):
         return []
-    return [Drawn(ONE, {FLAG_VARIABLE: tables.holds(ends_after)})]
+    return [Update(ONE, {FLAG_VARIABLE: tables.holds(ends_after)})]
 
 
-def _rules(combination: Combination, tables: LocationTables) -> Iterator[RewardRule]:
+def _rules(combination: Combination, tables: LocationTables) -> Iterator[RewardItem]:
     """Yield the rules, each for the actions that it is about; `end` earns nothing."""
     known = frozenset(_actions(combination))
     for rule in combination.objective.rules:
         actions = known if rule.condition.actions is None else known & rule.condition.actions
         if actions:
-            yield RewardRule(tables.read(rule.value), tables.holds(rule.condition), actions)
+            yield RewardItem(tables.read(rule.value), tables.holds(rule.condition), actions)

@@ -21,10 +21,10 @@ from merap.program.form import (
     Command,
     ConcernName,
     Draw,
-    Outcome,
+    InitialValues,
     Process,
-    Start,
     StateVariable,
+    Update,
 )
 
 ONE, NOUGHT = Constant(Fraction(1)), Constant(Fraction(0))
@@ -60,7 +60,7 @@ class DeclaredProcess(ShortRepr):
     name: str
     concern: ConcernName
     variables: tuple[StateVariable, ...]
-    initial: tuple[Start, ...]
+    initial: tuple[InitialValues, ...]
     changes: tuple[Change, ...]
 
     def mapped(self, change: Callable[[Expression], Expression]) -> DeclaredProcess:
@@ -70,11 +70,11 @@ class DeclaredProcess(ShortRepr):
             return {name: change(value) for name, value in own.items()}
 
         def outcomes(draw: Draw) -> Draw:
-            return tuple(Outcome(change(one.probability), values(one.assignments)) for one in draw)
+            return tuple(Update(change(one.probability), values(one.assignments)) for one in draw)
 
         return replace(
             self,
-            initial=tuple(Start(change(one.probability), values(one.values)) for one in self.initial),
+            initial=tuple(InitialValues(change(one.probability), values(one.values)) for one in self.initial),
             changes=tuple(
                 Change(one.actions, change(one.where), outcomes(one.outcomes)) for one in self.changes
             ),
@@ -104,7 +104,7 @@ def _first_matches(changes: Sequence[Change]) -> Iterator[tuple[Expression, Draw
         if change.where == TRUE:
             return
         before.append(change.where)
-    yield none_of(before), (Outcome(ONE),)
+    yield none_of(before), (Update(ONE),)
 
 
 def _guarded(name: str, action: str, changes: Sequence[Change]) -> Iterator[Command]:
@@ -115,9 +115,9 @@ def _guarded(name: str, action: str, changes: Sequence[Change]) -> Iterator[Comm
 def _drawn(name: str, action: str, changes: Sequence[Change]) -> Command:
     """Return one command: what it reads of the step is known only when it draws."""
     if all(one.outcomes == (replace(one.outcomes[0], probability=ONE),) for one in changes):
-        return Command(action, TRUE, ((Outcome(ONE, _decided(changes)),),), f"[{action}] of {name}")
+        return Command(action, TRUE, ((Update(ONE, _decided(changes)),),), f"[{action}] of {name}")
     outcomes = [
-        outcome if where == TRUE else Outcome(_where(where, outcome.probability), outcome.assignments)
+        outcome if where == TRUE else Update(_where(where, outcome.probability), outcome.assignments)
         for where, own in _first_matches(changes)
         for outcome in own
     ]
@@ -201,11 +201,13 @@ def _together(members: Sequence[Process]) -> Process:
     )
 
 
-def _joint_start(chosen: Sequence[Start]) -> Start:
+def _joint_start(chosen: Sequence[InitialValues]) -> InitialValues:
     probability = reduce(
         lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)
     )
-    return Start(fold(probability, {}), {name: value for one in chosen for name, value in one.values.items()})
+    return InitialValues(
+        fold(probability, {}), {name: value for one in chosen for name, value in one.values.items()}
+    )
 
 
 def moved(names: Sequence[str]) -> Expression:

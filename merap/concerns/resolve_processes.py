@@ -14,7 +14,7 @@ from merap.concerns.schema_processes import ANY, Draw, ProcessSpec, VariableSpec
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import Constant, Expression, Kind, Operation, Value, check, fold
-from merap.program.form import ConcernName, Outcome, Start, StateVariable, boolean, integer, whole
+from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer, whole
 from merap.program.names import suggestion
 
 ONE = Constant(Fraction(1))
@@ -95,7 +95,7 @@ class ProcessResolver:
         draws: tuple[Draw, ...],
         own: Mapping[str, StateVariable],
         kinds: Mapping[str, Kind],
-    ) -> tuple[Outcome, ...]:
+    ) -> tuple[Update, ...]:
         chances = [
             None
             if draw.probability is None
@@ -106,7 +106,7 @@ class ProcessResolver:
         for chance in chances:
             rest = rest if chance is None else Operation("-", (rest, chance))
         return tuple(
-            Outcome(rest if chance is None else chance, self._values(path, draw, own, kinds))
+            Update(rest if chance is None else chance, self._values(path, draw, own, kinds))
             for chance, draw in zip(chances, draws, strict=True)
         )
 
@@ -139,11 +139,11 @@ class ProcessResolver:
 
     def _initial(
         self, path: KeyPath, spec: ProcessSpec, own: Mapping[str, StateVariable]
-    ) -> tuple[Start, ...]:
+    ) -> tuple[InitialValues, ...]:
         kinds = {**self._parameters, **dict.fromkeys(self._context.named_values, "number")}
         if spec.initial is not None:
             outcomes = self._outcomes((*path, "initial"), spec.initial, own, kinds)  # type: ignore[arg-type]
-            return tuple(Start(one.probability, one.assignments) for one in outcomes)
+            return tuple(InitialValues(one.probability, one.assignments) for one in outcomes)
         separate = [
             self._outcomes(
                 (*path, "variables", name, "initial"),
@@ -154,7 +154,7 @@ class ProcessResolver:
             for name, one in spec.variables.items()
         ]
         return tuple(
-            Start(
+            InitialValues(
                 reduce(
                     lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)
                 ),

@@ -9,13 +9,13 @@ from math import prod
 
 from merap.errors import InputError
 from merap.program.expressions import Constant, Expression, Operation, Variable, fold, substitute, variables
-from merap.program.form import Command, Draw, Outcome
+from merap.program.form import Command, Draw, Update
 
 MAX_OUTCOMES = 256
 ONE = Constant(Fraction(1))
 
 
-def joint_outcomes(commands: Sequence[Command]) -> Iterator[Outcome]:
+def joint_outcomes(commands: Sequence[Command]) -> Iterator[Update]:
     """Yield every joint outcome of some commands, in terms of the state before the step.
 
     Raises:
@@ -30,7 +30,7 @@ def joint_outcomes(commands: Sequence[Command]) -> Iterator[Outcome]:
         for outcomes in drawn:
             together = _both(together, _combined(outcomes))
         probability, assignments = together
-        yield Outcome(fold(probability, {}), assignments)
+        yield Update(fold(probability, {}), assignments)
 
 
 Joint = tuple[Expression, dict[str, Expression]]

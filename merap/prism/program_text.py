@@ -18,7 +18,7 @@ from merap.prism.lines import CommandLine, Formula, LabelLine, VariableLine
 from merap.prism.reward_text import rewards_text, wrapped
 from merap.prism.templates import fill_in
 from merap.program.expressions import Constant, Expression, Operation, Variable
-from merap.program.form import Command, Outcome, Process, Program, StateVariable, whole
+from merap.program.form import Command, Process, Program, StateVariable, Update, whole
 
 KEY_WIDTH = 10
 
@@ -123,7 +123,7 @@ class ProgramWriter:
         updates = [f"{wrapped(probability)} : {text}" for probability, text in outcomes]
         return CommandLine(command.action or "", wrapped(guard), " + ".join(updates))
 
-    def _assignments(self, outcome: Outcome) -> str:
+    def _assignments(self, outcome: Update) -> str:
         parts = []
         for name, value in outcome.assignments.items():
             text = self._value(name, value)

@@ -14,7 +14,7 @@ from merap.prism.engine_text import EngineText, text_of
 from merap.prism.exact_form import least
 from merap.prism.joint_outcomes import joint_outcomes
 from merap.program.expressions import Constant, Expression, Operation, Variable, substitute, variables
-from merap.program.form import TRUE, Command, Program, RewardRule, RewardStructure
+from merap.program.form import TRUE, Command, Program, RewardItem, RewardStructure
 
 NOTHING = Constant(Fraction(0))
 ONE = Constant(Fraction(1))
@@ -58,7 +58,7 @@ def rewards_text(program: Program, text: EngineText) -> list[RewardsText]:
     return written
 
 
-def _plain(program: Program, text: EngineText, rule: RewardRule) -> list[str]:
+def _plain(program: Program, text: EngineText, rule: RewardItem) -> list[str]:
     """Return the lines of a rule that counts whatever else matches."""
     if _primed([rule]):
         raise InputError(f"{program.name}: a reward that is added to others can't read the successor in text")
@@ -75,7 +75,7 @@ def wrapped(form: Expression) -> str:
     return f"({text})" if isinstance(form, Operation) and form.operator == "?:" else text
 
 
-def _primed(rules: Sequence[RewardRule]) -> set[str]:
+def _primed(rules: Sequence[RewardItem]) -> set[str]:
     read = (name for rule in rules for part in (rule.guard, rule.value) for name in variables(part))
     return {one.name.removesuffix("'") for one in read if one.name.endswith("'")}
 
@@ -148,7 +148,7 @@ class _Expected:
         return items
 
     def _expectation(
-        self, rules: Sequence[RewardRule], commands: Sequence[Command], read: set[str]
+        self, rules: Sequence[RewardItem], commands: Sequence[Command], read: set[str]
     ) -> Expression:
         terms: list[tuple[Expression, Expression]] = []
         for outcome in joint_outcomes(commands):
@@ -165,7 +165,7 @@ class _Expected:
             result = Operation("+", (result, term))
         return result
 
-    def _first_match(self, rules: Sequence[RewardRule], after: dict[str, Expression]) -> Expression:
+    def _first_match(self, rules: Sequence[RewardItem], after: dict[str, Expression]) -> Expression:
         cases: list[tuple[Expression, Expression]] = []
         last: Expression = NOTHING
         for rule in rules:

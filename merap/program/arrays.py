@@ -12,14 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.errors import ModelError
-from merap.mdp.assembly import Branches as ActionBranches
-from merap.mdp.assembly import assemble
+from merap.mdp.assembly import Branches, assemble
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.program.exploration import Exploration, joined
 from merap.program.expressions import Expression, Scope, evaluate_where_defined
 from merap.program.form import Program
-from merap.program.states import States, Stepped
-from merap.program.steps import Branches, Choice
+from merap.program.states import States, StepColumns
+from merap.program.steps import CommandChoice, StepBranches
 
 
 def ambiguous_actions(exploration: Exploration) -> frozenset[str]:
@@ -79,7 +78,7 @@ def tabular(
     place = {name: number for number, name in enumerate(action_names)}
     branches, codes = whole.branches, whole.codes
     return assemble(
-        ActionBranches(
+        Branches(
             state=whole.place(branches.source),
             action=np.array([place[name] for name in names], dtype=np.int64)[branches.choice],
             target=whole.place(branches.target),
@@ -106,15 +105,15 @@ def _without_deadlocks(program: Program, exploration: Exploration, action: str |
         state = exploration.encoding.describe(int(stuck[0]))
         raise ModelError(f"{program.name}: no command is enabled in state {state}")
     number = np.full(len(stuck), len(exploration.choices))
-    loops = Branches(stuck, number, stuck, np.ones(len(stuck)))
+    loops = StepBranches(stuck, number, stuck, np.ones(len(stuck)))
     return replace(
         exploration,
         branches=joined([exploration.branches, loops]),
-        choices=(*exploration.choices, Choice(action, True, ())),
+        choices=(*exploration.choices, CommandChoice(action, True, ())),
     )
 
 
-def _name(choice: Choice, ambiguous: Collection[str]) -> str:
+def _name(choice: CommandChoice, ambiguous: Collection[str]) -> str:
     return choice.action if choice.labelled and choice.action not in ambiguous else choice.name
 
 
@@ -147,10 +146,10 @@ def _rewards(program: Program, name: str, exploration: Exploration) -> Floats:
     return earned
 
 
-def _steps(exploration: Exploration, rows: Ints) -> Stepped:
+def _steps(exploration: Exploration, rows: Ints) -> StepColumns:
     branches, encoding = exploration.branches, exploration.encoding
     after = States(encoding, branches.target[rows])
-    return Stepped(States(encoding, branches.source[rows]), after)
+    return StepColumns(States(encoding, branches.source[rows]), after)
 
 
 def _defined(

@@ -25,13 +25,13 @@ import numpy as np
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.program.expressions import variables
-from merap.program.form import Command, Outcome, Process, Program, Start
+from merap.program.form import Command, InitialValues, Process, Program, Update
 from merap.program.hypotheses import Hypotheses, PointEvaluator
 from merap.program.initial_states import count_initial_states
 from merap.program.names import suggestion
 from merap.program.outcome_likelihood import likelihood, outcome_likelihood
 from merap.program.parameters import parameters
-from merap.program.steps import Choice
+from merap.program.steps import CommandChoice
 
 # Logarithms of factors [..]; no two have the same shape.
 Factors: TypeAlias = tuple[Floats, ...]
@@ -213,9 +213,9 @@ class Evidence:
     def _started(self, process: Process, known: Mapping[str, int]) -> Floats:
         return sum((self._start(one, known) for one in process.initial), _ZERO)
 
-    def _start(self, start: Start, known: Mapping[str, int]) -> Floats:
+    def _start(self, start: InitialValues, known: Mapping[str, int]) -> Floats:
         return outcome_likelihood(
-            self._at, Outcome(start.probability, start.values), {}, {}, known, start.values
+            self._at, Update(start.probability, start.values), {}, {}, known, start.values
         )
 
     def _any_enabled(self, commands: Iterable[Command], known: Mapping[str, int]) -> Bools:
@@ -266,12 +266,12 @@ def _choices(program: Program, ambiguous: Collection[str]) -> Iterator[tuple[str
             continue
         for places in product(*(range(len(commands)) for _, commands in parts)):
             chosen = zip(parts, places, strict=True)
-            name = Choice(action, True, tuple(place + 1 for place in places)).name
+            name = CommandChoice(action, True, tuple(place + 1 for place in places)).name
             yield name, tuple((process, (commands[place],)) for (process, commands), place in chosen)
     for process in program.processes:
         alone = (one for one in process.commands if one.action is None)
         for place, command in enumerate(alone, start=1):
-            yield Choice(process.name, False, (place,)).name, ((process, (command,)),)
+            yield CommandChoice(process.name, False, (place,)).name, ((process, (command,)),)
 
 
 def _require_values(program: Program, hypotheses: Hypotheses) -> None:

@@ -20,9 +20,9 @@ from merap.mdp.assembly import sum_by
 from merap.mdp.graph import reachable_along
 from merap.mdp.model import Bools, Floats, Ints
 from merap.program.expressions import Constant, evaluate_where_defined, render
-from merap.program.form import Program, Start, whole
+from merap.program.form import InitialValues, Program, whole
 from merap.program.states import Encoding, States
-from merap.program.steps import Branches, Choice, Stepper
+from merap.program.steps import CommandChoice, StepBranches, Stepper
 
 # A frontier costs as much as so many states, whatever its size.
 FRONTIER = 3000
@@ -52,8 +52,8 @@ class Exploration:
     encoding: Encoding
     codes: Ints
     initial: Floats
-    branches: Branches
-    choices: tuple[Choice, ...]
+    branches: StepBranches
+    choices: tuple[CommandChoice, ...]
 
     def place(self, codes: Ints) -> Ints:
         """int64 [M], where some of the states stand among all."""
@@ -113,7 +113,7 @@ def initial_states(program: Program, encoding: Encoding) -> tuple[Ints, Floats]:
     return distinct, sum_by(inverse, weights[weights > 0], len(distinct))
 
 
-def _code(encoding: Encoding, start: Start) -> int:
+def _code(encoding: Encoding, start: InitialValues) -> int:
     code = 0
     for name, value in start.values.items():
         variable, number = encoding.by_name[name], whole(value, f"the initial value of {name}")
@@ -125,7 +125,7 @@ def _code(encoding: Encoding, start: Start) -> int:
     return code
 
 
-def _probability(start: Start) -> float:
+def _probability(start: InitialValues) -> float:
     if not isinstance(start.probability, Constant) or not 0 <= start.probability.value <= 1:
         raise InputError(f"the probability of an initial value is {render(start.probability)}, not in [0, 1]")
     return float(start.probability.value)
@@ -147,7 +147,7 @@ def _where_it_holds(program: Program, encoding: Encoding) -> tuple[Ints, Floats]
     return found, np.full(len(found), 1 / len(found))
 
 
-def _search(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
+def _search(stepper: Stepper, starts: Ints) -> tuple[Ints, StepBranches]:
     """Breadth-first, as long as that is not more work than to try all valuations."""
     size = stepper.encoding.size
     seen = _Seen(size)
@@ -167,7 +167,7 @@ def _search(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
     return np.sort(np.concatenate(found)), joined(parts)
 
 
-def _from_all(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
+def _from_all(stepper: Stepper, starts: Ints) -> tuple[Ints, StepBranches]:
     """Compute the steps of all valuations, and keep those that can be reached."""
     stepper.faults.clear()
     size = stepper.encoding.size
@@ -179,7 +179,7 @@ def _from_all(stepper: Stepper, starts: Ints) -> tuple[Ints, Branches]:
     return np.flatnonzero(reached), _some(branches, kept)
 
 
-def _given(stepper: Stepper, states: Ints, starts: Ints) -> tuple[Ints, Branches]:
+def _given(stepper: Stepper, states: Ints, starts: Ints) -> tuple[Ints, StepBranches]:
     """Compute the steps of states that another route has found."""
     encoding = stepper.encoding
     lows = np.array([variable.low for variable in encoding.variables])
@@ -205,7 +205,7 @@ def _given(stepper: Stepper, states: Ints, starts: Ints) -> tuple[Ints, Branches
     return codes, branches
 
 
-def _in_chunks(stepper: Stepper, codes: Ints) -> Branches:
+def _in_chunks(stepper: Stepper, codes: Ints) -> StepBranches:
     """Compute the steps of many states, so many at a time as processors hold near."""
     return joined([stepper.branches(codes[first : first + CHUNK]) for first in range(0, len(codes), CHUNK)])
 
@@ -248,11 +248,13 @@ class _Seen:
         return held
 
 
-def joined(parts: Sequence[Branches]) -> Branches:
+def joined(parts: Sequence[StepBranches]) -> StepBranches:
     """Return all branches of several parts."""
     columns = zip(*((one.source, one.choice, one.target, one.prob) for one in parts), strict=True)
-    return Branches(*(np.concatenate(column) for column in columns))
+    return StepBranches(*(np.concatenate(column) for column in columns))
 
 
-def _some(branches: Branches, kept: Bools) -> Branches:
-    return Branches(branches.source[kept], branches.choice[kept], branches.target[kept], branches.prob[kept])
+def _some(branches: StepBranches, kept: Bools) -> StepBranches:
+    return StepBranches(
+        branches.source[kept], branches.choice[kept], branches.target[kept], branches.prob[kept]
+    )

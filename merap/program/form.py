@@ -82,7 +82,7 @@ def whole(expression: Expression, meaning: str) -> int:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Update:
     """One possible result of a draw.
 
     Attributes:
@@ -95,7 +95,7 @@ class Outcome:
     assignments: Mapping[str, Expression] = field(default_factory=dict)
 
 
-Draw: TypeAlias = tuple[Outcome, ...]
+Draw: TypeAlias = tuple[Update, ...]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialValues:
     """A joint initial value of the variables of a process, with its probability; both may read parameters."""
 
     probability: Expression
@@ -141,7 +141,7 @@ class Process:
     concern: ConcernName
     variables: tuple[StateVariable, ...]
     commands: tuple[Command, ...]
-    initial: tuple[Start, ...]
+    initial: tuple[InitialValues, ...]
     meaning: str = ""
 
     @cached_property
@@ -151,7 +151,7 @@ class Process:
 
 
 @dataclass(frozen=True)
-class RewardRule:
+class RewardItem:
     """A reward of steps.
 
     Attributes:
@@ -176,7 +176,7 @@ class RewardStructure:
             earns so much more that none earns less than 0. None: there is no such structure.
     """
 
-    rules: tuple[RewardRule, ...]
+    rules: tuple[RewardItem, ...]
     first_match: bool = False
     shift: str | None = None
 
@@ -235,7 +235,7 @@ def closed(program: Program, values: Mapping[str, Value]) -> Program:
     def of_command(command: Command) -> Command:
         draws = tuple(
             tuple(
-                Outcome(put(one.probability), {name: put(value) for name, value in one.assignments.items()})
+                Update(put(one.probability), {name: put(value) for name, value in one.assignments.items()})
                 for one in draw
             )
             for draw in command.draws
@@ -250,7 +250,7 @@ def closed(program: Program, values: Mapping[str, Value]) -> Program:
             ),
             commands=tuple(of_command(command) for command in process.commands),
             initial=tuple(
-                Start(put(one.probability), {name: put(value) for name, value in one.values.items()})
+                InitialValues(put(one.probability), {name: put(value) for name, value in one.values.items()})
                 for one in process.initial
             ),
         )

@@ -14,7 +14,7 @@ import numpy as np
 
 from merap.mdp.model import Bools, Floats
 from merap.program.expressions import Column, Expression
-from merap.program.form import Command, Draw, Outcome
+from merap.program.form import Command, Draw, Update
 from merap.program.hypotheses import PointEvaluator
 
 _YES, _ONE, _ZERO = np.array(True), np.array(1.0), np.array(0.0)
@@ -43,7 +43,7 @@ def likelihood(
 
 def outcome_likelihood(
     at: PointEvaluator,
-    outcome: Outcome,
+    outcome: Update,
     known: Mapping[str, int],
     varying: Mapping[str, Column],
     target: Mapping[str, int],

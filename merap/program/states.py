@@ -147,7 +147,7 @@ class States(Columns):
         return chosen
 
 
-class Stepped(Columns):
+class StepColumns(Columns):
     """States before a step and, primed, after it.
 
     Args:

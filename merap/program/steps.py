@@ -16,11 +16,11 @@ from merap.errors import ModelError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats, Ints
 from merap.program.expressions import Column, Expression, Scope, evaluate_where_defined, evaluate_whole
 from merap.program.form import Command, Draw, Process, Program
-from merap.program.states import Encoding, States, Stepped
+from merap.program.states import Encoding, States, StepColumns
 
 
 @dataclass(frozen=True, order=True)
-class Choice:
+class CommandChoice:
     """Commands that are taken together.
 
     Attributes:
@@ -41,7 +41,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Branches:
+class StepBranches:
     """Branches of some states; of a choice two may lead to one state.
 
     Attributes:
@@ -80,7 +80,7 @@ class Stepper:
     """
 
     program: Program
-    choices: dict[Choice, int] = field(default_factory=dict)
+    choices: dict[CommandChoice, int] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -93,13 +93,13 @@ class Stepper:
             alone = [command for command in process.commands if command.action is None]
             self._alone += [(process, command, place) for place, command in enumerate(alone, start=1)]
 
-    def branches(self, codes: Ints) -> Branches:
+    def branches(self, codes: Ints) -> StepBranches:
         """Return the branches of some states, each given once; faults are appended to `faults`."""
         parts = list(self._parts(States(self.encoding, codes)))
         if not parts:
             nothing = np.zeros(0, dtype=np.int64)
-            return Branches(nothing, nothing, nothing, np.zeros(0))
-        return Branches(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+            return StepBranches(nothing, nothing, nothing, np.zeros(0))
+        return StepBranches(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def require_sound(self, reached: Ints) -> None:
         """Refuse the program if something is wrong in a state that can be reached.
@@ -118,13 +118,13 @@ class Stepper:
 
     def _parts(self, states: States) -> Iterator[tuple[Ints, Ints, Ints, Floats]]:
         for process, command, place in self._alone:
-            choice = Choice(process.name, False, (place,))
+            choice = CommandChoice(process.name, False, (place,))
             yield from self._joint(states, self._enabled(command, states), choice, [command])
         for action, members in self._by_action.items():
             enabled = [[self._enabled(command, states) for command in commands] for commands in members]
             for rows, places in _combinations(enabled, np.arange(len(states.codes))):
                 chosen = [commands[place] for commands, place in zip(members, places, strict=True)]
-                choice = Choice(action, True, tuple(place + 1 for place in places))
+                choice = CommandChoice(action, True, tuple(place + 1 for place in places))
                 yield from self._joint(states, rows, choice, chosen)
 
     def _enabled(self, command: Command, states: States) -> Ints:
@@ -134,7 +134,7 @@ class Stepper:
         return np.flatnonzero(values & defined)
 
     def _joint(
-        self, states: States, rows: Ints, choice: Choice, chosen: Sequence[Command]
+        self, states: States, rows: Ints, choice: CommandChoice, chosen: Sequence[Command]
     ) -> Iterator[tuple[Ints, Ints, Ints, Floats]]:
         """Yield every joint outcome of commands that are taken together."""
         if not len(rows):
@@ -210,7 +210,7 @@ class Stepper:
 
 
 def _scope(states: States, after: Mapping[str, Ints]) -> Scope:
-    return Stepped(states, {name: Column.of(values) for name, values in after.items()})
+    return StepColumns(states, {name: Column.of(values) for name, values in after.items()})
 
 
 def _spread(parts: tuple[npt.NDArray[Any], Bools], states: States) -> tuple[npt.NDArray[Any], Bools]:

@@ -15,12 +15,12 @@ from merap.program.evidence import Evidence
 from merap.program.expressions import parse
 from merap.program.form import (
     Command,
-    Outcome,
+    InitialValues,
     Process,
     Program,
-    RewardRule,
+    RewardItem,
     RewardStructure,
-    Start,
+    Update,
     integer,
 )
 from merap.program.hypotheses import Hypotheses
@@ -106,10 +106,10 @@ def slippery_grid(side: int = SIDE) -> Program:
             _outcome(f"{ahead} ? 0 : 1 - slip", variable, low if value.endswith("- 1") else high),
             _outcome("slip / 2", aside, f"max({aside} - 1, 0)"),
             _outcome("slip / 2", aside, f"min({aside} + 1, {side - 1})"),
-            Outcome(parse(f"{ahead} ? 1 - slip : 0"), {}),
+            Update(parse(f"{ahead} ? 1 - slip : 0"), {}),
         )
         moves.append(Command(action, parse(f"!({rock.format(row='row', col='col')})"), (outcomes,), action))
-        drain = (_outcome("drain", "power", "power - 1"), Outcome(parse("1 - drain"), {}))
+        drain = (_outcome("drain", "power", "power - 1"), Update(parse("1 - drain"), {}))
         drains.append(Command(action, parse("power > 0 & power >= need"), (drain,), action))
     drains.append(Command("load", parse("true"), ((_outcome("1", "power", "5"),),), "load"))
     one = parse("1")
@@ -118,21 +118,21 @@ def slippery_grid(side: int = SIDE) -> Program:
         "environment",
         (integer("row", 0, side - 1), integer("col", 0, side - 1)),
         tuple(moves),
-        (Start(one, {"row": parse("0"), "col": parse("0")}),),
+        (InitialValues(one, {"row": parse("0"), "col": parse("0")}),),
     )
     battery = Process(
         "battery",
         "capability",
         (integer("power", 0, 5),),
         tuple(drains),
-        (Start(one, {"power": parse("5")}),),
+        (InitialValues(one, {"power": parse("5")}),),
     )
-    rules = (RewardRule(parse("-1 / 2")), RewardRule(parse("need / 10"), parse("power' < power")))
+    rules = (RewardItem(parse("-1 / 2")), RewardItem(parse("need / 10"), parse("power' < power")))
     return Program("slippery grid", (walk, battery), {}, {"earned": RewardStructure(rules)})
 
 
-def _outcome(probability: str, variable: str, value: str) -> Outcome:
-    return Outcome(parse(probability), {variable: parse(value)})
+def _outcome(probability: str, variable: str, value: str) -> Update:
+    return Update(parse(probability), {variable: parse(value)})
 
 
 def _milliseconds(run: Callable[[], None]) -> float:

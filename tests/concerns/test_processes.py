@@ -25,14 +25,13 @@ from merap.prism.rendering import render
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.expressions import Constant, parse
-from merap.program.form import ConcernName, Start, integer
-from merap.program.form import Outcome as Drawn
+from merap.program.form import ConcernName, InitialValues, Update, integer
 from tests.support.declared_processes import enabled, successors
 from tests.support.hand_made import graph_combination, number, parsed, with_capability, with_objective
 from tests.support.programs import outcome, start
 
 
-def change(where: str, *outcomes: Drawn, actions: str = "") -> Change:
+def change(where: str, *outcomes: Update, actions: str = "") -> Change:
     return Change(frozenset(actions.split()) or None, parse(where), outcomes)
 
 
@@ -198,8 +197,8 @@ def test_arrays_over_locations_and_modes_refuse_processes() -> None:
 
 def test_several_initial_values_have_their_weights() -> None:
     starts = (
-        Start(Constant(Fraction(1, 4)), {"lit": parse("1")}),
-        Start(Constant(Fraction(3, 4)), {"lit": parse("0")}),
+        InitialValues(Constant(Fraction(1, 4)), {"lit": parse("1")}),
+        InitialValues(Constant(Fraction(3, 4)), {"lit": parse("0")}),
     )
     combination = two_starts(replace(LIT, initial=starts))
     built = build_combination(combination).mdp

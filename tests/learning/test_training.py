@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -296,16 +295,3 @@ def test_other_optimizers_go_on_bit_for_bit_too(
         train_run(run, interrupt_at(12))
     resume(run.path)
     assert what_was_learned(run.path) == what_was_learned(whole.path)
-
-
-def test_events_for_tensorboard_are_written_on_request(tmp_path: Path) -> None:
-    run = trained(tmp_path / "run", SMALL.model_copy(update={"tensorboard": True}))
-    (file,) = (run.path / "events").iterdir()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the reader's own
-        from tensorboard.backend.event_processing.event_accumulator import EventAccumulator  # noqa: PLC0415
-
-        events = EventAccumulator(str(file.parent))
-        events.Reload()
-    assert "adapted_return" in events.Tags()["scalars"]
-    assert [event.step for event in events.Scalars("adapted_return")] == [1, 2, 3, 4, 5]

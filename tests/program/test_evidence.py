@@ -13,11 +13,11 @@ from merap.errors import InputError
 from merap.program.evidence import Evidence, joint
 from merap.program.expressions import Value, parse
 from merap.program.form import (
+    InitialValues,
     Process,
     Program,
-    RewardRule,
+    RewardItem,
     RewardStructure,
-    Start,
     StateVariable,
     boolean,
     integer,
@@ -53,7 +53,7 @@ def test_lamps() -> None:
         ),
         start(place="0", lit="false"),
     )
-    steps = RewardStructure((RewardRule(parse("-pay"), parse("!lit")),))
+    steps = RewardStructure((RewardItem(parse("-pay"), parse("!lit")),))
     program = Program("lamps", (lamps,), {"goal": parse("lit")}, {"steps": steps})
     prizes, sticks = [Fraction(place) for place in range(4)], [Fraction(0), Fraction(1, 10), Fraction(1)]
     joint_axis: Axes = [
@@ -117,8 +117,8 @@ def test_factors_have_only_the_axes_of_what_they_read() -> None:
 def test_starts_and_ranges_may_read_parameters() -> None:
     high = StateVariable("x", parse("0"), parse("top"))
     starts = (
-        Start(parse("odds"), {"x": parse("1")}),
-        Start(parse("1 - odds"), {"x": parse("top")}),
+        InitialValues(parse("odds"), {"x": parse("1")}),
+        InitialValues(parse("1 - odds"), {"x": parse("top")}),
     )
     process = Process(
         "p", "environment", (high,), (command("go", "true", [outcome("1", x="min(x + 1, 2)")]),), starts

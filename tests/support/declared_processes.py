@@ -9,7 +9,7 @@ from typing import Any
 from merap.concerns.combination import Combination
 from merap.concerns.processes import Change, DeclaredProcess
 from merap.program.expressions import Constant
-from merap.program.form import Outcome
+from merap.program.form import Update
 from tests.support.program_enumeration import value_of
 
 State = Mapping[str, Any]
@@ -102,8 +102,8 @@ def _drawn(
                 yield chance * rest, values
 
 
-def _first_match(changes: tuple[Change, ...], action: str, scope: State) -> tuple[Outcome, ...]:
+def _first_match(changes: tuple[Change, ...], action: str, scope: State) -> tuple[Update, ...]:
     for change in changes:
         if (change.actions is None or action in change.actions) and value_of(change.where, scope):
             return change.outcomes
-    return (Outcome(Constant(Fraction(1))),)
+    return (Update(Constant(Fraction(1))),)

@@ -24,28 +24,28 @@ from merap.program.form import (
     TRUE,
     Command,
     Draw,
-    Outcome,
+    InitialValues,
     Process,
     Program,
-    RewardRule,
+    RewardItem,
     RewardStructure,
-    Start,
+    Update,
     boolean,
     integer,
 )
 
 
-def outcome(probability: str, **assignments: str) -> Outcome:
-    return Outcome(parse(probability), {name: parse(value) for name, value in assignments.items()})
+def outcome(probability: str, **assignments: str) -> Update:
+    return Update(parse(probability), {name: parse(value) for name, value in assignments.items()})
 
 
-def command(action: str | None, guard: str, *draws: Sequence[Outcome]) -> Command:
+def command(action: str | None, guard: str, *draws: Sequence[Update]) -> Command:
     place = f"[{action or ''}] {guard}"
     return Command(action, parse(guard), tuple(tuple(draw) for draw in draws), place)
 
 
-def start(**values: str) -> tuple[Start, ...]:
-    return (Start(Constant(Fraction(1)), {name: parse(value) for name, value in values.items()}),)
+def start(**values: str) -> tuple[InitialValues, ...]:
+    return (InitialValues(Constant(Fraction(1)), {name: parse(value) for name, value in values.items()}),)
 
 
 # --- random programs ---
@@ -124,7 +124,7 @@ def _draws(draw: st.DrawFn, own: Domains, read: Names) -> Draw:
     """Outcomes with a probability that depends on the state, and assignments that stay in their range."""
     condition = draw(read.truth(0))
     parts = draw(st.sampled_from([(1,), (1, 1), (1, 9), (1, 2, 7)]))
-    outcomes: list[Outcome] = []
+    outcomes: list[Update] = []
     for place, part in enumerate(parts):
         chance: Expression = Constant(Fraction(part, sum(parts)))
         if len(parts) == 2:  # p and 1 - p, where p may be 0 or 1
@@ -136,7 +136,7 @@ def _draws(draw: st.DrawFn, own: Domains, read: Names) -> Draw:
         for name, domain in own.items():
             if draw(st.booleans()):
                 assignments[name] = draw(_assigned(domain, read))
-        outcomes.append(Outcome(chance, assignments))
+        outcomes.append(Update(chance, assignments))
     return tuple(outcomes)
 
 
@@ -171,11 +171,11 @@ def programs(draw: st.DrawFn, read: Names = CLOSED) -> Program:
             else Constant(Fraction(draw(st.integers(*domain))))
             for one, domain in own.items()
         }
-        starts = (Start(Constant(Fraction(1)), values),)
+        starts = (InitialValues(Constant(Fraction(1)), values),)
         processes.append(Process(name, "environment", variables, tuple(commands), starts))
     label = draw(read.truth(1))
     rules = tuple(
-        RewardRule(
+        RewardItem(
             draw(read.number(1)),
             draw(read.truth(0)),
             draw(st.sampled_from([frozenset({"a"}), frozenset[str | None]()])),
@@ -200,7 +200,7 @@ ONE_COIN = Program(
         ),
     ),
     {"goal": parse("0.1 * x <= 0.3 & x > 2")},
-    {"steps": RewardStructure((RewardRule(parse("1"), TRUE, frozenset({"toss"})),))},
+    {"steps": RewardStructure((RewardItem(parse("1"), TRUE, frozenset({"toss"})),))},
 )
 
 
