@@ -27,7 +27,7 @@ from merap.mapek.scenario_system import ScenarioSystem
 from merap.runs.run_folder import RunFolder
 from merap.shield.learning_shield import LearningShield, Shield, ShieldSettings, Unshielded
 from merap.strategies.registry import StrategyContext
-from merap.systems.deadline import Punctual
+from merap.systems.deadline import DeadlineRunner
 from merap.systems.interface import ManagedSystem
 from merap.systems.retrying import Retries
 from merap.trigger.change import ChangeTrigger
@@ -35,10 +35,10 @@ from merap.trigger.settings import ChangeSettings, WindowSettings
 from merap.trigger.trigger import Trigger
 from merap.trigger.window import WindowTrigger
 
-Guard = Callable[[InstrumentedSystem], ManagedSystem]
+Wrapper = Callable[[InstrumentedSystem], ManagedSystem]
 
 
-def unguarded(system: InstrumentedSystem) -> ManagedSystem:
+def unwrapped(system: InstrumentedSystem) -> ManagedSystem:
     """Return the system as it is."""
     return system
 
@@ -48,7 +48,7 @@ def make_components(
     scenario: Scenario,
     manager: str,
     history: RunHistory = NO_HISTORY,
-    guard: Guard = unguarded,
+    wrap: Wrapper = unwrapped,
     live: ManagedSystem | None = None,
 ) -> Components:
     """Make the components of a loop before its first episode.
@@ -58,7 +58,7 @@ def make_components(
         scenario: the system, and its changes.
         manager: one of `managers.MANAGERS`.
         history: episodes that are repeated from records before the system is used.
-        guard: stands between the loop and the system.
+        wrap: stands between the loop and the system.
         live: the system of a scenario that does not simulate it, see `connecting.connected`; None: it is not
             connected, so that nothing but the history can be repeated.
 
@@ -79,20 +79,20 @@ def make_components(
     settings = _trigger_settings(spec)
     readings = settings if isinstance(settings, ChangeSettings) else None
     trigger = make_trigger(settings, case.discount) if chosen.replans else None
-    punctual = Punctual(spec.deadline.seconds)
+    runner = DeadlineRunner(spec.deadline.seconds)
     late = {(one.row.episode, step): how for one in history.episodes for step, how in one.late.items()}
-    guarded = guard(system)
-    recorded = RecordedSystem(history.episodes, guarded) if history.episodes else guarded
+    wrapped = wrap(system)
+    recorded = RecordedSystem(history.episodes, wrapped) if history.episodes else wrapped
     return Components(
         system=system,
-        guarded=guarded,
+        wrapped=wrapped,
         monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
         analyzer=Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart),
         shield=_shield(scenario, context.hypotheses, horizon),
         learner=learner,
-        planner=Planner(learner, fallback, punctual, of_planner, late),
+        planner=Planner(learner, fallback, runner, of_planner, late),
         executor=Executor(recorded),
-        punctual=punctual,
+        runner=runner,
         extender=_extender(spec, manager, context) if chosen.replans else None,
         adapts=chosen.updates != 0,
     )

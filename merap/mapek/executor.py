@@ -35,7 +35,7 @@ class Executor:
             return Execution(None, None, str(error), over=True)
 
     def execute(self, plan: Plan) -> Execution:
-        """Take the planned action; a guarded or a remote system may have taken another one."""
+        """Take the planned action; a wrapped or a remote system may have taken another one."""
         try:
             observation = self._checked(self._system.step(plan.action))
         except MerapError as error:

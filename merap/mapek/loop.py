@@ -24,7 +24,7 @@ from merap.mapek.planner import Planner
 from merap.mapek.records import Decision, EpisodeLog, Kind, Problem
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.shield.learning_shield import Shield
-from merap.systems.deadline import Punctual
+from merap.systems.deadline import DeadlineRunner
 from merap.systems.interface import ManagedSystem
 from merap.systems.retrying import RetryingSystem
 
@@ -35,35 +35,35 @@ class Components:
 
     Attributes:
         system: the system under control, with what the report asks of it.
-        guarded: the same, as the executor sees it after the recorded episodes.
+        wrapped: the same, as the executor sees it after the recorded episodes.
         monitor: receives the answers of the system.
         analyzer: believes what the domain is like, and notices changes.
         shield: says which actions are safe enough.
         learner: adapts the policy.
         planner: chooses the next action.
         executor: acts on the system.
-        punctual: keeps the deadline of a plan, and runs the learner beside the loop.
+        runner: keeps the deadline of a plan, and runs the learner beside the loop.
         extender: adds to the base what it lacks; None: nothing is added.
         adapts: whether the policy is adapted before it is carried out.
     """
 
     system: InstrumentedSystem
-    guarded: ManagedSystem
+    wrapped: ManagedSystem
     monitor: Monitor
     analyzer: Analyzer
     shield: Shield
     learner: Learner
     planner: Planner
     executor: Executor
-    punctual: Punctual
+    runner: DeadlineRunner
     extender: BaseExtender | None
     adapts: bool
 
     def close(self) -> None:
         """End the threads that keep deadlines."""
-        self.punctual.close()
-        if isinstance(self.guarded, RetryingSystem):
-            self.guarded.close()
+        self.runner.close()
+        if isinstance(self.wrapped, RetryingSystem):
+            self.wrapped.close()
 
 
 class Loop:
@@ -84,7 +84,7 @@ class Loop:
         self._learner = components.learner
         self._planner = components.planner
         self._executor = components.executor
-        self._punctual = components.punctual
+        self._runner = components.runner
         self._extender = components.extender
         self._episode = -1
         self._phase: Phase = "adapting"
@@ -142,7 +142,7 @@ class Loop:
         self._restrict()
         self._phase = analysis.phase
         if analysis.phase == "adapting":
-            self._punctual.later(lambda: self._learner.learn_from(monitored))
+            self._runner.later(lambda: self._learner.learn_from(monitored))
         return monitored, analysis
 
     def _act(self, monitored: Monitored, analysis: Analysis) -> Execution:
@@ -157,7 +157,7 @@ class Loop:
         return execution
 
     def _replan(self) -> None:
-        self._punctual.later(self._learner.replan)
+        self._runner.later(self._learner.replan)
         self._mask = None
         self._restrict()
         self._expect()
@@ -167,15 +167,15 @@ class Loop:
         mask = self._shield.mask
         if mask is not None and (self._mask is None or not np.array_equal(mask, self._mask)):
             self._mask = mask
-            self._punctual.later(lambda: self._learner.restrict(mask))
+            self._runner.later(lambda: self._learner.restrict(mask))
 
     def _expect(self) -> None:
         """Let the planner carry out the policy of the learner within the shield, once it is made."""
-        made = self._punctual.later(self._learner.policy)
+        made = self._runner.later(self._learner.policy)
         self._planner.expect(lambda: self._shield.masked(made.result().table))
 
     def _wait(self) -> None:
-        self._punctual.finish()
+        self._runner.finish()
         self._planner.catch_up()
 
     def _end_episode(self, monitored: Monitored) -> AdaptedPolicy | None:

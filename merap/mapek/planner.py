@@ -13,7 +13,7 @@ import numpy as np
 from merap.mapek.learner import Learner
 from merap.mapek.messages import Analysis, Monitored, Plan
 from merap.mdp.model import Bools, Floats
-from merap.systems.deadline import Lateness, Punctual
+from merap.systems.deadline import DeadlineRunner, Lateness
 
 # (episode, step) of plans that were not made in time.
 Late = Mapping[tuple[int, int], Lateness]
@@ -35,7 +35,7 @@ class Planner:
     Args:
         learner: makes the policy.
         fallback: number of the action that is always safe; None: the first that is allowed.
-        punctual: keeps the deadline, and runs the learner.
+        runner: keeps the deadline, and runs the learner.
         generator: draws actions from the policy.
         late: plans that were late when they were recorded.
     """
@@ -44,13 +44,13 @@ class Planner:
         self,
         learner: Learner,
         fallback: int | None,
-        punctual: Punctual,
+        runner: DeadlineRunner,
         generator: np.random.Generator,
         late: Late,
     ) -> None:
         self._learner = learner
         self._fallback = fallback
-        self._punctual = punctual
+        self._runner = runner
         self._generator = generator
         self._late = late
         self._expected: Callable[[], Floats] | None = None
@@ -90,7 +90,7 @@ class Planner:
         recorded = self._late.get((monitored.episode, monitored.step))
         if recorded is Lateness.BUSY:
             return recorded
-        answer = self._punctual.in_time(work)
+        answer = self._runner.in_time(work)
         if answer is not Lateness.BUSY:
             self.catch_up()
         return answer if recorded is None else recorded

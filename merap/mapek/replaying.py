@@ -52,7 +52,7 @@ def _derived(run: RunFolder, knowledge: KnowledgeBase, number: int) -> Iterator[
     scenario, manager = _begun_with(row, knowledge.place)
     history = read_history(knowledge, number)
     components = make_components(run, scenario, manager, history)
-    components.punctual.patient = True
+    components.runner.patient = True
     with one_thread(), closing(components):
         loop = Loop(components)
         for _ in history.episodes:

@@ -13,7 +13,7 @@ from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.engine import url_of
 from merap.knowledge.event_log import JsonLines
 from merap.learning.threads import one_thread
-from merap.mapek.components import Guard, make_components, unguarded
+from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.connecting import connected
 from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.loop import Components, Loop
@@ -39,7 +39,7 @@ def run_loop(
     knowledge: KnowledgeBase | str | PathLike[str] | None = None,
     lines: JsonLines | None = None,
     resume: bool = False,
-    guard: Guard = unguarded,
+    wrap: Wrapper = unwrapped,
     on_episode: OnEpisode = lambda row: None,
 ) -> LoopReport:
     """Control the system of a scenario.
@@ -54,7 +54,7 @@ def run_loop(
         lines: file to which the log of a recorded run is written too.
         resume: go on with the last run of this scenario and manager in the knowledge base; one that
             is finished is reported again.
-        guard: stands between the loop and the system, as `systems.retrying.RetryingSystem`, which is closed
+        wrap: stands between the loop and the system, as `systems.retrying.RetryingSystem`, which is closed
             after the run.
         on_episode: called after each episode, those that were recorded before included.
 
@@ -74,7 +74,7 @@ def run_loop(
                 knowledge=opened,
                 lines=lines,
                 resume=resume,
-                guard=guard,
+                wrap=wrap,
                 on_episode=on_episode,
             )
     if knowledge is not None:
@@ -86,7 +86,7 @@ def run_loop(
         number = _last_run(run, scenario, manager, knowledge)
         history = read_history(knowledge, number)
     with connected(scenario, run.case, len(history.episodes)) as live:
-        components = make_components(run, scenario, manager, history, guard, live)
+        components = make_components(run, scenario, manager, history, wrap, live)
         store = None
         if knowledge is not None:
             number = _begun(run, scenario, manager, knowledge) if number is None else number
@@ -166,11 +166,11 @@ def _course(
 ) -> Iterator[tuple[EpisodeRow, float]]:
     """Yield the row of the report and the seconds of wall time of each episode."""
     loop = Loop(components)
-    components.punctual.patient = True
+    components.runner.patient = True
     for recorded in history.episodes:
         _require_same(loop.episode(), recorded)
         yield recorded.row, recorded.seconds
-    components.punctual.patient = False
+    components.runner.patient = False
     if history.system is not None:
         components.system.restore(history.system)
     gone = 0

@@ -1,5 +1,5 @@
+from .deadline import DeadlineRunner as DeadlineRunner
 from .deadline import Lateness as Lateness
-from .deadline import Punctual as Punctual
 from .description import Interface as Interface
 from .description import ShownVariable as ShownVariable
 from .description import interface_of as interface_of

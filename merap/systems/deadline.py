@@ -24,7 +24,7 @@ class Lateness(StrEnum):
     BUSY = "the learner was busy with earlier steps"
 
 
-class Punctual(AbstractContextManager["Punctual"]):
+class DeadlineRunner(AbstractContextManager["DeadlineRunner"]):
     """Run work with an optional time limit.
 
     All work goes through one thread, one piece after the other, so late work is finished before

@@ -90,7 +90,7 @@ def test_rubbish_is_a_fault(rubbish: Observation, complaint: str) -> None:
 
 def test_what_a_guarded_system_has_taken_in_its_place_is_what_was_done() -> None:
     """A fallback, for instance: the analyzer must not take it for the planned action."""
-    guarded = Scripted(replace(seen(0, 0), taken=0), seen(0, 0))
-    executor = Executor(guarded)
+    wrapped = Scripted(replace(seen(0, 0), taken=0), seen(0, 0))
+    executor = Executor(wrapped)
     assert executor.execute(PLAN).action == 0
     assert executor.execute(PLAN).action == PLAN.action

@@ -105,7 +105,7 @@ def test_the_other_managers_never_replan(run: RunFolder, tmp_path: Path, manager
 
 def test_a_fault_is_survived_by_the_fallback(run: RunFolder, tmp_path: Path) -> None:
     """Two calls fail amid an episode: two fallbacks, and the episode goes on."""
-    components = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=2))
+    components = doubtful(run, scenario(tmp_path), wrap=partial(Unsound, calls=2))
     logs = episodes(components, 3)
     faulty = logs[1]
     assert [problem.message for problem in faulty.problems] == ["dropped: the connection is lost"] * 2
@@ -116,7 +116,7 @@ def test_a_fault_is_survived_by_the_fallback(run: RunFolder, tmp_path: Path) -> 
 
 
 def test_a_system_that_stays_away_costs_no_more_than_the_episode(run: RunFolder, tmp_path: Path) -> None:
-    components = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=99))
+    components = doubtful(run, scenario(tmp_path), wrap=partial(Unsound, calls=99))
     logs = episodes(components, 3)
     assert len(logs[1].problems) == MAX_FAULTS
     assert logs[1].executions[-1].over
@@ -191,7 +191,7 @@ def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path
     run = train(gutter(tmp_path), tmp_path / "run", SMALL)
     text = f"scenario: late\nsystem: met\nepisodes: 300\nsensing: {sensing}\n"
     components = make_components(run, scenario(tmp_path, text), "random")
-    eager = Eager(components.learner, None, components.punctual, np.random.default_rng(1), {})
+    eager = Eager(components.learner, None, components.runner, np.random.default_rng(1), {})
     space = hypothesis_space(run.case, Outside(slips=(0.05,), odds=(1.0,)))
     shield = LearningShield(space, 10, ShieldSettings(0.25))
     loop = Loop(replace(components, planner=eager, shield=shield))
@@ -219,7 +219,7 @@ def test_the_shield_is_charged_what_was_executed_and_what_may_have_been(
     run: RunFolder, tmp_path: Path
 ) -> None:
     """In the second episode two calls fail; then a system says that it has taken another action."""
-    components = doubtful(run, scenario(tmp_path), guard=partial(Unsound, calls=2))
+    components = doubtful(run, scenario(tmp_path), wrap=partial(Unsound, calls=2))
     shield = Charged()
     logs = episodes(replace(components, shield=shield), 2)
     executions = [one for log in logs for one in log.executions if one.action is not None]

@@ -147,7 +147,7 @@ class KilledError(Exception):
     """Stands for the end of the process."""
 
 
-def guarded(system: ManagedSystem) -> ManagedSystem:
+def wrapped(system: ManagedSystem) -> ManagedSystem:
     return RetryingSystem(system, deadline=60)
 
 
@@ -157,9 +157,9 @@ def test_no_thread_is_left_over_however_a_run_ends(
     found = scenario(tmp_path, "scenario: short\nsystem: met\nepisodes: 2\n", NEVER_LATE)
     before = threading.active_count()
     with pytest.raises(KilledError):
-        run_loop(run, found, knowledge=knowledge, guard=guarded, on_episode=killed_after(0))
+        run_loop(run, found, knowledge=knowledge, wrap=wrapped, on_episode=killed_after(0))
     assert threading.active_count() == before
-    run_loop(run, found, knowledge=knowledge, resume=True, guard=guarded)
+    run_loop(run, found, knowledge=knowledge, resume=True, wrap=wrapped)
     assert threading.active_count() == before
     check_decisions(run, knowledge, 1)
     assert threading.active_count() == before

@@ -113,7 +113,7 @@ def test_an_episode_that_was_given_up_is_over() -> None:
 
 
 def test_the_action_is_the_one_that_the_system_has_taken() -> None:
-    """A guard in between may have fallen back on another one."""
+    """What stands in between may have fallen back on another one."""
     watching = monitor()
     watching.receive(Execution(None, seen(0, 0, 0.0)))
     fallen_back = watching.receive(Execution(DOWN, replace(seen(1, 0), taken=DOWN)))

@@ -10,7 +10,7 @@ from merap.mapek.learner import Learner
 from merap.mapek.messages import Analysis, Phase, Plan
 from merap.mapek.planner import Late, Planner
 from merap.mdp.model import Bools, Floats
-from merap.systems.deadline import Lateness, Punctual
+from merap.systems.deadline import DeadlineRunner, Lateness
 from merap.systems.sightings import Sighting
 from tests.support.loop_examples import NUM_ACTIONS, Told, monitored, seen
 
@@ -41,7 +41,7 @@ def ready(strategy: Told) -> Learner:
 def planner(
     table: Floats,
     *,
-    punctual: Punctual | None = None,
+    runner: DeadlineRunner | None = None,
     strategy: Told | None = None,
     late: Late | None = None,
     fallback: int | None = FALLBACK,
@@ -49,7 +49,7 @@ def planner(
     planning = Planner(
         ready(strategy or Told(EXPLORED)),
         fallback,
-        punctual or Punctual(None),
+        runner or DeadlineRunner(None),
         np.random.default_rng(0),
         late or {},
     )
@@ -127,21 +127,21 @@ def begun_but_late(planning: Planner) -> Plan:
 
 def test_a_plan_that_is_late_is_replaced() -> None:
     signal = threading.Event()
-    with Punctual(0.01) as punctual:
-        planning = planner(table(), punctual=punctual, strategy=Slow(signal))
+    with DeadlineRunner(0.01) as runner:
+        planning = planner(table(), runner=runner, strategy=Slow(signal))
         assert begun_but_late(planning) == Plan(FALLBACK, "fallback", "the plan was late")
         signal.set()
-        punctual.finish()
+        runner.finish()
 
 
 def test_a_learner_that_is_busy_is_not_asked() -> None:
     signal, strategy = threading.Event(), Told(EXPLORED)
-    with Punctual(0.01) as punctual:
-        planning = planner(table(), punctual=punctual, strategy=strategy)
-        punctual.later(lambda: signal.wait(60))
+    with DeadlineRunner(0.01) as runner:
+        planning = planner(table(), runner=runner, strategy=strategy)
+        runner.later(lambda: signal.wait(60))
         plan = planning.plan(monitored(HERE), analysis("adapting"), ALL)
         signal.set()
-        punctual.finish()
+        runner.finish()
     assert plan == Plan(FALLBACK, "fallback", "the learner was busy with earlier steps")
     assert "act" not in strategy.calls
 
@@ -164,14 +164,14 @@ BLIND = monitored(None, seen_state=HERE)
 def test_a_policy_is_carried_out_once_it_is_made() -> None:
     """Until then a plan is late, though the learner has nothing to say to it."""
     signal, made = threading.Event(), table(s7=RIGHT_AT_7)
-    with Punctual(0.01) as punctual:
-        planning = planner(table(), punctual=punctual)
-        future = punctual.later(lambda: signal.wait(60))
+    with DeadlineRunner(0.01) as runner:
+        planning = planner(table(), runner=runner)
+        future = runner.later(lambda: signal.wait(60))
         planning.expect(lambda: made if future.result() else table())
         assert planning.plan(BLIND, analysis("adapting"), ALL).reason == Lateness.BUSY
         assert planning.table is not made
         signal.set()
-        punctual.patient = True
+        runner.patient = True
         assert planning.plan(BLIND, analysis("adapting"), ALL) == Plan(4, "prediction")
         assert planning.table is made
 

@@ -83,22 +83,22 @@ def test_a_run_goes_on_as_if_it_had_not_been_killed(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:
     found = scenario(tmp_path, more=TROUBLE)
-    guard = partial(Unsound, calls=2)
-    undisturbed = timeless(run_loop(run, found, guard=guard))
+    wrap = partial(Unsound, calls=2)
+    undisturbed = timeless(run_loop(run, found, wrap=wrap))
     resume = False
     for episode in (0, 6):
         with pytest.raises(KilledError):
             run_loop(
-                run, found, knowledge=knowledge, resume=resume, guard=guard, on_episode=killed_after(episode)
+                run, found, knowledge=knowledge, resume=resume, wrap=wrap, on_episode=killed_after(episode)
             )
         resume = True
     before = len(list(knowledge.observations(1)))
-    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, guard=guard)) == undisturbed
+    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, wrap=wrap)) == undisturbed
     assert len(knowledge.runs()) == 1
     assert len(list(knowledge.observations(1))) > before
     # taken up once more, a finished run is reported again and nothing is recorded
     counts = knowledge.counts(1)
-    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, guard=guard)) == undisturbed
+    assert timeless(run_loop(run, found, knowledge=knowledge, resume=True, wrap=wrap)) == undisturbed
     assert knowledge.counts(1) == counts
 
 
@@ -199,7 +199,7 @@ def test_a_run_that_two_processes_have_mixed_in_is_not_gone_on_with(
 def test_faults_are_in_the_report_and_in_the_log(
     run: RunFolder, tmp_path: Path, knowledge: KnowledgeBase
 ) -> None:
-    report = run_loop(run, scenario(tmp_path), knowledge=knowledge, guard=partial(Unsound, calls=2))
+    report = run_loop(run, scenario(tmp_path), knowledge=knowledge, wrap=partial(Unsound, calls=2))
     assert [row.problems for row in report.rows if row.problems] == [2, 2, 2]
     told = [event for event in knowledge.events(1) if event.level == "warning"]
     assert sum(event.message == "dropped: the connection is lost" for event in told) == 6
@@ -212,7 +212,7 @@ def test_an_unknown_manager_begins_nothing(run: RunFolder, tmp_path: Path, knowl
     assert knowledge.runs() == ()
 
 
-def guarded(system: ManagedSystem) -> ManagedSystem:
+def wrapped(system: ManagedSystem) -> ManagedSystem:
     """The call that fails is not made again; the fallback is taken in its place."""
     return RetryingSystem(Unsound(system, calls=1), retries=Retries(count=0), fallback="stop")
 
@@ -223,10 +223,10 @@ def test_what_a_guard_has_done_is_recorded_and_repeated(
 ) -> None:
     found = scenario(tmp_path)
     with pytest.raises(KilledError):
-        run_loop(run, found, knowledge=knowledge, guard=guarded, on_episode=killed_after(6))
+        run_loop(run, found, knowledge=knowledge, wrap=wrapped, on_episode=killed_after(6))
     taken = [one.data["taken"] for one in knowledge.decisions(1) if one.kind == "episode"]
     stop = run.case.actions.index("stop")
     assert [list(each.values()) for each in taken] == [[], [stop], [], [], [stop], [], []]
-    report = run_loop(run, found, knowledge=knowledge, resume=True, guard=guarded)
-    assert timeless(report) == timeless(run_loop(run, found, guard=guarded))
+    report = run_loop(run, found, knowledge=knowledge, resume=True, wrap=wrapped)
+    assert timeless(report) == timeless(run_loop(run, found, wrap=wrapped))
     assert not any(row.problems for row in report.rows)

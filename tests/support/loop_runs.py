@@ -9,7 +9,7 @@ from typing import Any
 
 from merap.belief.space import hypothesis_space
 from merap.mapek.analyzer import Analyzer
-from merap.mapek.components import Guard, make_components, unguarded
+from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.loop import Components
 from merap.mapek.scenario import Scenario, read_scenario
 from merap.mapek.scenario_system import ScenarioSystem
@@ -36,9 +36,11 @@ def scenario(folder: Path, text: str = MOVED, more: str = "") -> Scenario:
     return read_scenario(path)
 
 
-def doubtful(run: RunFolder, found: Scenario, manager: str = "merap", guard: Guard = unguarded) -> Components:
+def doubtful(
+    run: RunFolder, found: Scenario, manager: str = "merap", wrap: Wrapper = unwrapped
+) -> Components:
     """Return a loop whose trigger alarms at the first thing that its model holds impossible."""
-    components = make_components(run, found, manager, guard=guard)
+    components = make_components(run, found, manager, wrap=wrap)
     analyzer = Analyzer(hypothesis_space(run.case), HORIZON, found.spec.strategy.updates, Doubtful())
     return replace(components, analyzer=analyzer)
 
