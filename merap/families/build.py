@@ -9,7 +9,7 @@ from os import PathLike
 
 import numpy as np
 
-from merap.checker.building import build_combination, build_pair
+from merap.checker.combination_model import build_combination, build_pair
 from merap.concerns.arguments import as_count
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination

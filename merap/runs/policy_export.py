@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.families.build import canonical

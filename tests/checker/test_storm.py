@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination, build_pair
+from merap.checker.combination_model import build_combination, build_pair
 from merap.checker.storm import StormModel, build_text
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.concerns.combination import Combination

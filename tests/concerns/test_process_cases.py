@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
 from merap.concerns.composition import compose

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.checker.storm import build_text
 from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
 from merap.concerns.composition import compose

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import load_case
 from merap.errors import ModelError, OutputError
 from merap.families.writing import export_case, render_case

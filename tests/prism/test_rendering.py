@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination, build_pair
+from merap.checker.combination_model import build_combination, build_pair
 from merap.concerns.combination import (
     Combination,
     Condition,
@@ -169,7 +169,7 @@ def test_names_of_attributes_that_engines_or_the_text_use_otherwise() -> None:
 # In a process of their own: what overflows Storm's stack would take the tests with it.
 BUILD = """
 import sys
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.concerns.synthesis import synthesise
 from merap.mdp.comparison import compare
 from tests.support.large_spaces import random_graph, random_grid

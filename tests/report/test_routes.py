@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.building import build_combination, build_pair
+from merap.checker.combination_model import build_combination, build_pair
 from merap.checker.properties import REWARD, properties
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination

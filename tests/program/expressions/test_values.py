@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from merap.checker.building import build_combination
+from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
 from merap.concerns.synthesis import synthesise
