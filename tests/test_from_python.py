@@ -128,6 +128,7 @@ def test_other_functions_take_paths_too(made: Trained, tmp_path: Path) -> None:
         (lambda made: face.render(made.case), "combination: expected a combination"),
         (lambda made: face.render("met"), "combination: expected a combination"),
         (lambda made: list(face.verify(5)), "expected a case or combinations, got 5"),
+        (lambda made: list(face.verify(made.case, ["reach"])), "only: expected a name, got ['reach']"),
         (lambda made: list(face.verify([MEMBER])), f"case.combination(NAME), got '{MEMBER}'"),
         (lambda made: made.case.combination(5), "combination: expected a name, got 5"),
         (lambda made: made.case.system(5), "system: expected a name, got 5"),

@@ -13,6 +13,7 @@ from merap.checker.obstruction import obstruction
 from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
+from merap.concerns.arguments import as_text
 from merap.concerns.combination import Combination
 from merap.concerns.lookup import Combinations, as_combinations
 from merap.errors import InputError
@@ -95,6 +96,7 @@ class _Task(NamedTuple):
 
 def _tasks(combinations: Combinations, only: str | None) -> Iterator[_Task]:
     """Render every combination that has a property to check."""
+    only = None if only is None else as_text(only, "only")
     names: dict[str, None] = {}
     for combination in as_combinations(combinations):
         wanted = properties(combination)

@@ -152,9 +152,11 @@ def lengthen(run: RunFolder, updates: int) -> RunFolder:
         OutputError: the folder can't be written.
     """
     config = read_config(None, [], run.config, updates=updates)
-    if updates < run.config.updates:
-        raise InputError(f"the run has {run.config.updates}; expected more, got {updates}", source="updates")
-    if updates > run.config.updates:
+    if config.updates < run.config.updates:
+        raise InputError(
+            f"the run has {run.config.updates}; expected more, got {config.updates}", source="updates"
+        )
+    if config.updates > run.config.updates:
         content = {**read_manifest(run.path), "config": config.model_dump(mode="json")}
         write_file(run.path / MANIFEST, json.dumps(content, indent=2) + "\n", force=True)
         (run.path / POLICY_FILE).unlink(missing_ok=True)
