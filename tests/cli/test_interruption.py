@@ -176,6 +176,26 @@ def test_children_end_too(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
+def test_a_library_that_takes_the_signal_for_itself_does_not_keep_it() -> None:
+    """As Z3 does while Storm builds a model: it sets a handler in C and returns as if it were done."""
+    program = (
+        "import ctypes, time\n"
+        "from merap.cli.interruption import interruptible\n"
+        "with interruptible():\n"
+        "    ctypes.CDLL(None).signal(2, ctypes.c_void_p(1))\n"
+        "    print('begun', flush=True)\n"
+        "    time.sleep(5)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "interrupted\n")
+
+
 def test_an_interrupted_line_needs_no_reader(tmp_path: Path) -> None:
     """Nobody reads standard error any more."""
     words = command("train", MODELS / "paper-grid" / "rq1-4.yaml", "-o", tmp_path / "run")
