@@ -79,6 +79,17 @@ def test_adaptation_takes_systems_by_name_and_as_combinations(made: Trained) -> 
     assert by_name.as_dict() == found.as_dict()
 
 
+def test_numbers_may_be_of_numpy(made: Trained) -> None:
+    conditions = face.Conditions(reward_noise=np.float64(0.5), slip=np.float32(0.1))
+    found = merap.adapt(made.run, "met", steps=1, conditions=conditions)
+    assert found.as_dict()["slip"] == float(np.float32(0.1))
+    assert repr(face.ShieldSettings(np.float32(0.5))) == repr(merap.ShieldSettings(0.5))
+    with pytest.raises(merap.MerapError, match="no objective says what is unsafe"):
+        face.adapt(made.run, "met", shield=np.float32(0.5))
+    one = made.case.combination_at(0)
+    assert list(face.verify(one, timeout=np.int64(60))) == list(merap.verify(one))
+
+
 def test_verify_takes_a_case_a_path_one_or_several(made: Trained) -> None:
     of_case = list(merap.verify(made.case))
     assert [verdict.combination for verdict in of_case][::3] == list(made.run.names)
@@ -137,6 +148,12 @@ def test_other_functions_take_paths_too(made: Trained, tmp_path: Path) -> None:
         (lambda made: face.Conditions(slip="much"), "slip: expected a number, got 'much'"),
         (lambda made: face.ShieldSettings(threshold=2), "threshold of a shield must be in [0, 1], it is 2"),
         (lambda made: face.ShieldSettings(threshold="low"), "shield: expected a number, got 'low'"),
+        (lambda made: face.ShieldSettings(0.1, "low"), "hazard_prior: expected a number, got 'low'"),
+        (lambda made: face.Conditions(reward_noise=10**400), "is too large for a number"),
+        (lambda made: list(face.verify(made.case, timeout=10**400)), "is too large for a number"),
+        (lambda made: list(face.verify(made.case, timeout="5")), "timeout: expected a number, got '5'"),
+        (lambda made: list(face.verify(made.case, timeout=True)), "timeout: expected a number, got true"),
+        (lambda made: face.run_loop(made.run, made.scenario, lines="log"), "lines: expected JsonLines"),
         (lambda made: face.run_loop(made.run, 5), "scenario: expected a path, got 5"),
         (lambda made: face.run_loop(5, made.scenario), "run: expected a path, got 5"),
         (lambda made: face.run_loop(made.run, made.scenario, manager=5), "manager: expected a name, got 5"),
@@ -178,6 +195,7 @@ def test_what_can_not_be_meant_is_one_error(
         ({"seeds": "a:b"}, "seeds: expected a:b with whole numbers or one seed, got 'a:b'"),
         ({"conditions": 5}, "conditions: expected Conditions, got 5"),
         ({"shield": "low"}, "shield: expected ShieldSettings, got 'low'"),
+        ({"shield": 10**400}, "shield: 1000000"),
         ({"shield": 0.1}, "no objective says what is unsafe"),
     ],
 )

@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import Any
 
 from merap.checker.exchange import Answer, ModelText
+from merap.concerns.arguments import as_number
 from merap.errors import EngineError, InputError, MerapError
 
 LONGEST = 1e8  # seconds
@@ -39,9 +40,9 @@ class CheckingProcess:
     """
 
     def __init__(self, timeout: float) -> None:
-        if not (isinstance(timeout, int | float) and 0 < timeout <= LONGEST):
-            raise InputError(f"timeout {timeout!r}: expected seconds above 0, at most {LONGEST:g}")
-        self._timeout = float(timeout)
+        self._timeout = as_number(timeout, "timeout")
+        if not 0 < self._timeout <= LONGEST:
+            raise InputError(f"timeout {timeout}: expected seconds above 0, at most {LONGEST:g}")
         self._model: ModelText | None = None
         self._building = False
         self._start()

@@ -47,7 +47,10 @@ def as_number(value: Any, argument: str) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"expected a number, got {shown(value)}", source=argument)
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise InputError(f"{shown(value)} is too large for a number", source=argument) from error
 
 
 def as_instance(value: Instance, kind: type[Instance], argument: str) -> Instance:

@@ -65,6 +65,8 @@ def run_loop(
     """
     run, manager = as_run(run), as_text(manager, "manager")
     scenario = as_scenario(scenario)
+    if lines is not None:
+        as_instance(lines, JsonLines, "lines")
     if isinstance(knowledge, str | PathLike):
         with open_knowledge(url_of(str(knowledge))) as opened:
             return run_loop(

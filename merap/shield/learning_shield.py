@@ -33,15 +33,18 @@ class ShieldSettings:
         hazard_prior: see `hazards`.
 
     Raises:
-        InputError: the threshold is no probability.
+        InputError: the threshold is no probability, or the prior no number.
     """
 
     threshold: float
     hazard_prior: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= as_number(self.threshold, "shield") <= 1:
+        threshold, prior = as_number(self.threshold, "shield"), as_number(self.hazard_prior, "hazard_prior")
+        if not 0 <= threshold <= 1:
             raise InputError(f"the threshold of a shield must be in [0, 1], it is {self.threshold}")
+        object.__setattr__(self, "threshold", threshold)
+        object.__setattr__(self, "hazard_prior", prior)
 
 
 class LearningShield:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from numbers import Real
 from os import PathLike
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from merap.concerns.arguments import as_count, as_instance, as_seeds, as_text
+from merap.concerns.arguments import as_count, as_instance, as_number, as_seeds, as_text
 from merap.concerns.combination import Combination
 from merap.concerns.lookup import as_system
 from merap.errors import InputError, warn_of
@@ -134,8 +135,8 @@ def adapt(
     run = as_run(run)
     system = as_system(run.case, system)
     warn_of((*run.warnings, *cut_off_warnings(system)))
-    if isinstance(shield, float | int):
-        shield = ShieldSettings(shield)
+    if isinstance(shield, Real):
+        shield = ShieldSettings(as_number(shield, "shield"))
     problem = adaptation_problem(
         run,
         system,

@@ -41,8 +41,8 @@ class Conditions:
     reset: ResetMode | None = None
 
     def __post_init__(self) -> None:
-        as_number(self.reward_noise, "reward_noise")
-        as_number(self.slip, "slip")
+        object.__setattr__(self, "reward_noise", as_number(self.reward_noise, "reward_noise"))
+        object.__setattr__(self, "slip", as_number(self.slip, "slip"))
 
 
 UNDISTURBED = Conditions()
