@@ -223,9 +223,9 @@ class _Builder:
             key = self.build(key_node) if key_node.tag == f"{_TAG}str" else None
             if not isinstance(key, str):
                 shown = getattr(key_node, "value", "") if isinstance(key_node, ScalarNode) else "a collection"
-                raise self._error(key_node, f"the key {shown!r} is not text; put it in quotes")
+                raise self._error(key_node, f"the key {_shortened(shown)!r} is not text; put it in quotes")
             if key in mapping:
-                raise self._error(key_node, f"the key {key!r} stands twice in one mapping")
+                raise self._error(key_node, f"the key {_shortened(key)!r} stands twice in one mapping")
             mapping[key] = self.build(value_node)
         return mapping
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from numbers import Real
 from os import PathLike
 from typing import Any, TypeAlias
 
@@ -135,7 +134,7 @@ def adapt(
     run = as_run(run)
     system = as_system(run.case, system)
     warn_of((*run.warnings, *cut_off_warnings(system)))
-    if isinstance(shield, Real):
+    if isinstance(shield, int | float | np.number):
         shield = ShieldSettings(as_number(shield, "shield"))
     problem = adaptation_problem(
         run,

@@ -52,7 +52,7 @@ def test_a_model_over_its_time_is_ended_too() -> None:
 
 @pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf"), "5"])
 def test_a_limit_that_is_none_is_refused(timeout: float) -> None:
-    with pytest.raises(InputError, match="expected seconds above 0, at most 1e|expected a number"):
+    with pytest.raises(InputError, match=r"expected seconds above 0, at most 1e|expected a number"):
         CheckingProcess(timeout)
 
 

@@ -33,6 +33,8 @@ def billion_laughs(levels: int) -> str:
         (b"case: 2020-01-01\n", 1, "the YAML tag timestamp is not allowed"),
         (b"case: x\nspace: !!python/object:os.system {}\n", 2, "python/object:os.system is not allowed"),
         (b"base: &b {x: 1}\ncase:\n  <<: *b\n", 3, "the key '<<' is not text; put it in quotes"),
+        (b"case: x\n" + b"1" * 400 + b": 2\n", 2, f"the key '{'1' * 40}...' is not text"),
+        (b"case: x\n" + b"a" * 400 + b": 2\n" + b"a" * 400 + b": 2\n", 3, f"'{'a' * 40}...' stands twice"),
         (b"case: x\n1: 2\n", 2, "the key '1' is not text; put it in quotes"),
         (b"case: 0x\nspace: 1" + b"0" * 5000, 2, "can't be read as a number"),
         (b"case: 1e400\n", 1, "1e400 is not a number of size at most 1e+15"),
