@@ -75,6 +75,7 @@ def run(
     from merap.runs.run_folder import read_run
 
     require_free_report(json, force=force)
+    require_free_report(log, force=True)  # it may be there, and grows
     if out is not None:
         require_free_folder(out, (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"), force=force)
     read = read_scenario(scenario)

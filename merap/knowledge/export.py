@@ -15,6 +15,7 @@ import csv
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ OBSERVATION_COLUMNS = (
 SHOWN_DIGEST = 16
 
 
-def export_run(knowledge: KnowledgeBase, run: int, path: Path) -> tuple[str, ...]:
+def export_run(knowledge: KnowledgeBase, run: int, path: str | PathLike[str]) -> tuple[str, ...]:
     """Write a run to a folder, whole or not at all.
 
     Args:
@@ -53,7 +54,7 @@ def export_run(knowledge: KnowledgeBase, run: int, path: Path) -> tuple[str, ...
         OutputError: the folder holds something else, or can't be written.
     """
     found = knowledge.run(run)
-    with result_folder(path, KIND) as folder:
+    with result_folder(Path(path), KIND) as folder:
         _write_lines(folder / "run.json", [run_record(found)])
         _write_observations(folder / "observations.csv", knowledge.observations(run))
         _write_lines(folder / "decisions.jsonl", map(decision_record, knowledge.decisions(run)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -59,7 +59,12 @@ def induced_chain(mdp: TabularMDP, policy: Floats) -> TabularMDP:
 
 
 def write_induced_chain(
-    mdp: TabularMDP, policy: Floats, path: Path, *, reward: str = "objective", overwrite: bool = False
+    mdp: TabularMDP,
+    policy: Floats,
+    path: str | PathLike[str],
+    *,
+    reward: str = "objective",
+    overwrite: bool = False,
 ) -> None:
     """Write the induced chain, restricted to states that the policy reaches, as a UMB Markov chain.
 

@@ -9,6 +9,7 @@ Source: the specification, version 1.0 (https://github.com/pmc-tools/umb, spec.m
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 
 from merap.errors import ModelError
@@ -19,7 +20,7 @@ from merap.mdp.umb_encoding import encode
 from merap.mdp.umb_index import parse_index
 
 
-def read_umb(path: Path, reward: str | None = "objective") -> TabularMDP:
+def read_umb(path: str | PathLike[str], reward: str | None = "objective") -> TabularMDP:
     """Read an MDP or a Markov chain; the one action of a chain is called `step`.
 
     State and choice rewards are added up, as are the means of branch rewards. Several
@@ -40,7 +41,7 @@ def read_umb(path: Path, reward: str | None = "objective") -> TabularMDP:
             reward or no state valuations, or isn't an MDP in discrete time.
         ModelError: an invariant of `TabularMDP` does not hold.
     """
-    archive = open_archive(path)
+    archive = open_archive(Path(path))
     index = parse_index(bytes(archive.content("index.json")), archive.source)
     try:
         return decode(archive, index, reward)
@@ -50,7 +51,7 @@ def read_umb(path: Path, reward: str | None = "objective") -> TabularMDP:
 
 def write_umb(
     mdp: TabularMDP,
-    path: Path,
+    path: str | PathLike[str],
     *,
     reward: str = "objective",
     as_chain: bool = False,
@@ -70,4 +71,4 @@ def write_umb(
             called `init`, which the format reserves.
         OutputError: the file is there already or can't be written.
     """
-    write_archive(path, encode(mdp, reward, as_chain=as_chain), overwrite=overwrite)
+    write_archive(Path(path), encode(mdp, reward, as_chain=as_chain), overwrite=overwrite)

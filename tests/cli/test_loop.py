@@ -104,6 +104,8 @@ def test_run_finds_out_first_whether_it_can_write(scenario: Path, tmp_path: Path
     arguments = ["run", tmp_path / "no run", "--scenario", scenario]
     assert "/proc/nope: can't be written" in refused(*arguments, "-o", "/proc/nope")
     assert "there is no folder" in refused(*arguments, "--json", tmp_path / "no" / "such.json")
+    assert "there is no folder" in refused(*arguments, "--log", tmp_path / "no" / "such.jsonl")
+    assert "is a folder, expected the name of a file" in refused(*arguments, "--log", tmp_path)
     assert set(contents(tmp_path)) == {"moved.yaml"}
 
 

@@ -22,7 +22,7 @@ def test_storm_values_an_induced_chain(tmp_path: Path, seed: int) -> None:
     mdp = random_mdp(generator)
     policy = np.where(mdp.enabled, generator.random(mdp.enabled.shape), 0.0)
     policy /= policy.sum(axis=1, keepdims=True)
-    write_induced_chain(mdp, policy, tmp_path / "chain.umb")
+    write_induced_chain(mdp, policy, str(tmp_path / "chain.umb"))
     model = stormpy.build_model_from_umb(str(tmp_path / "chain.umb"))
     assert "DTMC" in str(model)
     assert model.nr_choices == model.nr_states
