@@ -76,7 +76,7 @@ class EnumeratedModel:
     def _value(self, expression: Any, scope: Mapping[str, Any]) -> Any:
         try:
             return value_of(expression, scope)
-        except ZeroDivisionError:
+        except (ZeroDivisionError, IndexError):
             return None
 
 
