@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from merap.concerns.combination import Capability, Combination, ExternalAction
+from merap.concerns.combination import Capability, DeclaredCombination, ExternalAction
 from merap.concerns.steps import scope_of
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
@@ -50,7 +50,7 @@ class ActionTable:
         return np.asarray(flat.any(axis=1) & ~flat.all(axis=1))
 
 
-def action_tables(combinations: Sequence[Sequence[Combination]]) -> tuple[ActionTable, ...]:
+def action_tables(combinations: Sequence[Sequence[DeclaredCombination]]) -> tuple[ActionTable, ...]:
     """A table for each declared action, without disturbance (G = 1).
 
     Args:
@@ -63,7 +63,7 @@ def action_tables(combinations: Sequence[Sequence[Combination]]) -> tuple[Action
     return tuple(_action_table(combinations, name) for name in names)
 
 
-def _action_table(combinations: Sequence[Sequence[Combination]], name: str) -> ActionTable:
+def _action_table(combinations: Sequence[Sequence[DeclaredCombination]], name: str) -> ActionTable:
     capabilities = [combination.capability for combination in combinations[0]]
     external = [_external(capability, name) for capability in capabilities]
     if any(action is not None for action in external):
@@ -76,7 +76,7 @@ def _external(capability: Capability, name: str) -> ExternalAction | None:
 
 
 def _external_table(
-    combinations: Sequence[Sequence[Combination]], name: str, actions: Sequence[ExternalAction | None]
+    combinations: Sequence[Sequence[DeclaredCombination]], name: str, actions: Sequence[ExternalAction | None]
 ) -> ActionTable:
     present = [action for action in actions if action is not None]
     labels = [outcome.move for action in present for outcome in action.outcomes if outcome.move is not None]
@@ -120,7 +120,7 @@ def _is_open(bit: int, num_moves: int) -> Bools:
 
 
 def _outcomes(
-    combination: Combination, action: ExternalAction, moves: tuple[int, ...], ends: Ints, mode: Ints
+    combination: DeclaredCombination, action: ExternalAction, moves: tuple[int, ...], ends: Ints, mode: Ints
 ) -> Floats:
     """float64 [S, R, K]: rules 1 and 2 of composition, a blocked move stays."""
     num_states, num_patterns = len(mode), 2 ** len(moves)
@@ -147,7 +147,7 @@ def _outcomes(
     return prob
 
 
-def _innate_table(combinations: Sequence[Sequence[Combination]], name: str) -> ActionTable:
+def _innate_table(combinations: Sequence[Sequence[DeclaredCombination]], name: str) -> ActionTable:
     """Innate actions and `start_*`: they change the mode alone."""
     first = combinations[0][0]
     num_modes = len(first.modes)

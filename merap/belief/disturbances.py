@@ -17,8 +17,8 @@ from fractions import Fraction
 import numpy as np
 
 from merap.belief.actions import ActionTable, action_tables
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Capability, Combination, ExternalAction, Innate, Outcome
+from merap.concerns.case_study import DeclaredCase
+from merap.concerns.combination import Capability, DeclaredCombination, ExternalAction, Innate, Outcome
 from merap.errors import InputError
 from merap.program.expressions import Constant, Expression, Operation
 
@@ -43,9 +43,9 @@ class Disturbance:
 
 
 def disturbances(
-    case: CaseStudy,
+    case: DeclaredCase,
     members: Sequence[int],
-    representatives: Sequence[Sequence[Combination]],
+    representatives: Sequence[Sequence[DeclaredCombination]],
     odds: Sequence[float],
 ) -> tuple[Disturbance, ...]:
     """None at first, then all that make a difference.
@@ -74,7 +74,7 @@ def stacked(found: Sequence[Disturbance]) -> tuple[ActionTable, ...]:
     )
 
 
-def _parameters(case: CaseStudy, members: Sequence[int]) -> list[str]:
+def _parameters(case: DeclaredCase, members: Sequence[int]) -> list[str]:
     """Parameters of the capabilities that have a value strictly between 0 and 1 in some class."""
     configurations = case.supports.capability.configurations
     listed = [configurations.values(index) for index in members]
@@ -86,9 +86,9 @@ def _uncertain(value: object) -> bool:
 
 
 def _disturbed_tables(
-    case: CaseStudy,
+    case: DeclaredCase,
     members: Sequence[int],
-    representatives: Sequence[Sequence[Combination]],
+    representatives: Sequence[Sequence[DeclaredCombination]],
     name: str,
     factor: Fraction,
 ) -> tuple[ActionTable, ...] | None:
@@ -112,7 +112,7 @@ def _disturbed_tables(
     return tables if all(_is_sound(table) for table in tables) else None
 
 
-def _other_value(case: CaseStudy, index: int, name: str, factor: Fraction) -> Capability:
+def _other_value(case: DeclaredCase, index: int, name: str, factor: Fraction) -> Capability:
     support = case.supports.capability
     values = support.configurations.values(index)
     value = values[name]

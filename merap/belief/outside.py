@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Objective
+from merap.concerns.case_study import DeclaredCase
+from merap.concerns.combination import DeclaredObjective
 from merap.concerns.parameters import held_locations
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
@@ -100,7 +100,7 @@ def unknown_capabilities(like: Sequence[str]) -> list[str]:
     return [f"unknown no-entry, else {name}" for name in like]
 
 
-def other_goals(case: CaseStudy) -> list[Objective]:
+def other_goals(case: DeclaredCase) -> list[DeclaredObjective]:
     """Each objective of the support with its goal at every location no such objective has it at."""
     support = case.supports.objective
     listed = [dict(support.configurations.values(index)) for index in range(support.count)]

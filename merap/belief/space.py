@@ -28,8 +28,8 @@ from merap.belief.outside import (
     split,
     unknown_capabilities,
 )
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Capability, Combination, Objective
+from merap.concerns.case_study import DeclaredCase
+from merap.concerns.combination import Capability, DeclaredCombination, DeclaredObjective
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
@@ -79,7 +79,7 @@ class HypothesisSpace(ShortRepr):
         initial: float64 [S], start distribution of the support's first objective.
     """
 
-    case: CaseStudy
+    case: DeclaredCase
     space: Space
     variable_names: tuple[str, ...]
     valuations: Ints
@@ -131,7 +131,7 @@ class HypothesisSpace(ShortRepr):
 
 
 def hypothesis_space(
-    case: CaseStudy, outside: Outside | None = None, noise: float | None = None
+    case: DeclaredCase, outside: Outside | None = None, noise: float | None = None
 ) -> HypothesisSpace:
     """All hypotheses of a case.
 
@@ -238,20 +238,20 @@ def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
     return scale * np.array((QUIET, *NOISES)), split(1, len(NOISES), 0.5)
 
 
-def _valuations(combination: Combination) -> Ints:
+def _valuations(combination: DeclaredCombination) -> Ints:
     pairs = pair_valuations(combination)
     return np.vstack([pairs, np.full((1, pairs.shape[1]), -1)])
 
 
-def _initial(combination: Combination) -> Floats:
+def _initial(combination: DeclaredCombination) -> Floats:
     initial = np.zeros((combination.space.num_locations, len(combination.modes)))
     initial[:, combination.capability.initial_mode] = combination.objective.start
     return initial.ravel()
 
 
 def _objective_tables(
-    representatives: Sequence[Sequence[Combination]],
-    objectives: Sequence[Objective],
+    representatives: Sequence[Sequence[DeclaredCombination]],
+    objectives: Sequence[DeclaredObjective],
     tables: Sequence[ActionTable],
 ) -> tuple[Floats, Bools]:
     """Rewards [U, O, A, S, K] and completions [U, O, A, S, K] of every objective."""
@@ -277,7 +277,7 @@ def _objective_tables(
     return reward, ends
 
 
-def _completes(combination: Combination, steps: Steps, target: Ints) -> Bools:
+def _completes(combination: DeclaredCombination, steps: Steps, target: Ints) -> Bools:
     """bool [B]."""
     objective = combination.objective
     completes = np.zeros(len(target), dtype=np.bool_)

@@ -8,7 +8,7 @@ from fractions import Fraction
 import networkx as nx
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.errors import listed
 from merap.mdp.model import Bools, Ints
 from merap.program.expressions import Constant
@@ -17,7 +17,7 @@ MAX_NAMED = 12
 IMPOSSIBLE = Constant(Fraction(0))
 
 
-def obstruction(combination: Combination) -> str | None:
+def obstruction(combination: DeclaredCombination) -> str | None:
     """Return the obstacles that cut the goal off from the start in space, in one line; None: there are none.
 
     It names the blocked locations, no-entry locations, blocked edges and labels without action at
@@ -46,7 +46,7 @@ def obstruction(combination: Combination) -> str | None:
     return "cut off by " + "; ".join(_describe(combination, cut))
 
 
-def _has_action(combination: Combination) -> Bools:
+def _has_action(combination: DeclaredCombination) -> Bools:
     """Return bool [L], whether some external action goes along edges with that label."""
     mask = np.zeros(len(combination.space.moves), dtype=np.bool_)
     for action in combination.capability.external:
@@ -69,7 +69,7 @@ def _closure(graph: nx.DiGraph[int], roots: Ints) -> set[int]:
     return found.union(*(nx.descendants(graph, root) for root in roots.tolist()))
 
 
-def _describe(combination: Combination, cut: Sequence[tuple[int, int]]) -> list[str]:
+def _describe(combination: DeclaredCombination, cut: Sequence[tuple[int, int]]) -> list[str]:
     """Return why each of the edges (source, label) can't be used; every obstacle is named once."""
     space, environment, capability = combination.space, combination.environment, combination.capability
     names = space.locations

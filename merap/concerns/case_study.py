@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -13,12 +14,19 @@ import numpy as np
 
 from merap.concerns.arguments import as_path, as_text
 from merap.concerns.checks import DistributionCheck
-from merap.concerns.combination import Capability, Combination, Environment
+from merap.concerns.combination import (
+    Capability,
+    Combination,
+    Configuration,
+    DeclaredCombination,
+    Environment,
+    Objective,
+)
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_space import resolve_space
 from merap.concerns.space import Space
-from merap.concerns.supports import Supports
+from merap.concerns.supports import DeclaredSupports, Supports
 from merap.concerns.systems import SystemReader
 from merap.concerns.vocabulary import action_names, check_vocabulary, declared_variables, mode_names
 from merap.concerns.warnings import idle_rules, unused_parameters
@@ -30,39 +38,31 @@ DEFAULT_LIMIT = 10_000
 _NAMES_TO_COMPARE = 2000
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class CaseStudy(ShortRepr):
-    """A case file, resolved.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CaseStudy(ShortRepr, ABC):
+    """A case file, of whatever kind, resolved.
 
     Attributes:
         name: of the case.
         source: the case file.
-        standalone: its bytes, with a space file's content put in.
-        space: the locations, attributes at their defaults.
-        modes: Q names.
-        actions: A names: external, innate, `start_*`.
+        standalone: its bytes, with the content of other files put in.
+        actions: declared names, without `end`.
         discount: of a step, in (0, 1].
         supports: the configurations of each concern.
         systems: name -> a system that is met online.
-        digest: hexadecimal SHA-256 of the case file and the space file.
+        digest: hexadecimal SHA-256 of its files.
         warnings: what is allowed but probably not meant, one sentence each.
-        check_pair: refuses an environment and a capability that don't fit together.
-        read_system: makes systems that are met.
     """
 
     name: str
     source: Path
     standalone: bytes
-    space: Space
-    modes: tuple[str, ...]
     actions: tuple[str, ...]
     discount: float
-    supports: Supports
+    supports: Supports[Configuration, Configuration, Objective]
     systems: Mapping[str, Combination]
     digest: str
     warnings: tuple[str, ...]
-    check_pair: Callable[[Environment, Capability], None] = field(repr=False)
-    read_system: SystemReader = field(repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -105,22 +105,13 @@ class CaseStudy(ShortRepr):
         environment, capability = divmod(rest, capabilities)
         return self.combine(environment, capability, objective)
 
+    @abstractmethod
     def combine(self, environment: int, capability: int, objective: int) -> Combination:
         """The combination of three configurations, by their indices.
 
         Raises:
-            InputError: a configuration can't be resolved, or a distribution does not sum to 1.
+            InputError: a configuration can't be resolved, or the three do not fit together.
         """
-        parts = (
-            self.supports.environment[environment],
-            self.supports.capability[capability],
-            self.supports.objective[objective],
-        )
-        self.check_pair(parts[0], parts[1])
-        name = ".".join(part.name for part in parts)
-        return Combination(
-            name, self.space, self.modes, self.actions, *parts, discount=self.discount, digest=self.digest
-        )
 
     def sample(self, count: int, generator: np.random.Generator | int) -> list[Combination]:
         """Distinct combinations in random order, each set of `count` equally likely.
@@ -191,12 +182,49 @@ class CaseStudy(ShortRepr):
         )
         if indices is None:
             return False
-        declared = self.supports.objective[indices[2]]
-        same_start = np.array_equal(declared.start, combination.objective.start)
-        return same_start and declared.horizon == combination.objective.horizon
+        return self.supports.objective[indices[2]].same_episodes(combination.objective)
 
 
-def load_case(path: str | PathLike[str]) -> CaseStudy:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class DeclaredCase(CaseStudy):
+    """A case in the case language.
+
+    Attributes:
+        space: the locations, attributes at their defaults.
+        modes: Q names.
+        check_pair: refuses an environment and a capability that don't fit together.
+        read_system: makes systems that are met.
+    """
+
+    space: Space
+    modes: tuple[str, ...]
+    supports: DeclaredSupports
+    systems: Mapping[str, DeclaredCombination]
+    check_pair: Callable[[Environment, Capability], None] = field(repr=False)
+    read_system: SystemReader = field(repr=False)
+
+    def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
+        """See `CaseStudy`."""
+        parts = (
+            self.supports.environment[environment],
+            self.supports.capability[capability],
+            self.supports.objective[objective],
+        )
+        self.check_pair(parts[0], parts[1])
+        return DeclaredCombination(
+            name=".".join(part.name for part in parts),
+            actions=self.actions,
+            environment=parts[0],
+            capability=parts[1],
+            objective=parts[2],
+            discount=self.discount,
+            digest=self.digest,
+            space=self.space,
+            modes=self.modes,
+        )
+
+
+def load_case(path: str | PathLike[str]) -> DeclaredCase:
     """Load a case file, or `case.yaml` of a folder.
 
     Raises:
@@ -217,7 +245,7 @@ def load_case(path: str | PathLike[str]) -> CaseStudy:
     check_pair = DistributionCheck(context)
     check_at_load(supports, check_pair)
     read_system = SystemReader(context, spec, supports, resolvers, check_pair, digest(document))
-    return CaseStudy(
+    return DeclaredCase(
         name=spec.case,
         source=file,
         standalone=document.standalone,

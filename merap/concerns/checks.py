@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from merap.concerns.combination import Capability, Combination, Environment, ExternalAction
+from merap.concerns.combination import Capability, DeclaredCombination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.space import Attribute
@@ -144,7 +144,7 @@ def check_starts(
             )
 
 
-def check_system_start(context: ResolutionContext, path: KeyPath, system: Combination) -> None:
+def check_system_start(context: ResolutionContext, path: KeyPath, system: DeclaredCombination) -> None:
     """Refuse an online system whose start is closed.
 
     Raises:

@@ -1,45 +1,76 @@
-"""One configuration of each concern, resolved: what composition and rendering work on.
+"""One configuration of each concern: what is rendered, built, learned from and met.
 
-Axes: P locations, L edge labels, Q modes. Everything is validated where it is made
-(`resolve.py`); nothing downstream checks again.
+`Combination` is what all of them share: a program, a horizon, names. `DeclaredCombination` is one of a case
+file; its parts are resolved and validated where they are made, and composed into the program.
+
+Axes: P locations, L edge labels, Q modes.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
+from merap.concerns.composition import compose
 from merap.concerns.processes import DeclaredProcess
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Expression
-from merap.program.form import TRUE
+from merap.program.form import TRUE, Program
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Environment(ShortRepr):
-    """A configuration of the spatial environment.
+class Configuration(ShortRepr):
+    """A configuration of a concern.
 
     Attributes:
         name: of the configuration.
         parameters: their values, as given.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Objective(Configuration):
+    """A configuration of the user's objective.
+
+    Attributes:
+        horizon: steps of an episode.
+        properties: name -> PRISM property.
+    """
+
+    horizon: int
+    properties: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+
+    def same_episodes(self, other: Objective) -> bool:
+        """Return whether episodes begin alike and last as long."""
+        return self.horizon == other.horizon
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Environment(Configuration):
+    """A configuration of the spatial environment.
+
+    Attributes:
         blocked: bool [P], locations that are obstructed.
         blocked_edges: bool [P, L], edges that are obstructed.
         attributes: of the locations, as this configuration sets them.
         processes: of the environment, in declared order.
     """
 
-    name: str
-    parameters: Mapping[str, Any]
     blocked: Bools
     blocked_edges: Bools
     attributes: tuple[Attribute, ...]
@@ -112,20 +143,16 @@ class Innate(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Capability(ShortRepr):
+class Capability(Configuration):
     """A configuration of the system's capability.
 
     Attributes:
-        name: of the configuration.
-        parameters: their values, as given.
         no_entry: bool [P], locations this system can't enter.
         external: the external actions it has.
         innate: its automaton; None: one mode, terminal.
         processes: of the capability, in declared order.
     """
 
-    name: str
-    parameters: Mapping[str, Any]
     no_entry: Bools
     external: tuple[ExternalAction, ...]
     innate: Innate | None
@@ -174,45 +201,40 @@ class RewardRule(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Objective(ShortRepr):
-    """A configuration of the user's objective (Definition 3 of the paper).
+class DeclaredObjective(Objective):
+    """A configuration of the user's objective that a case file declares (Definition 3 of the paper).
 
     Attributes:
-        name: of the configuration.
-        parameters: their values, as given.
         start: float64 [P], distribution over start locations.
-        horizon: steps of an episode.
         goal: bool [P], the locations labelled `goal`.
         rules: first match wins, no match earns 0.
         ends_after: a step that completes the task (source and action); None: no such step.
         ends_in: states (location and mode) that are complete; None: none.
         unsafe: states (location, mode, attributes) to avoid; None: none.
-        properties: name -> PRISM property.
         processes: of the objective, in declared order: they watch, and draw nothing.
     """
 
-    name: str
-    parameters: Mapping[str, Any]
     start: Floats
-    horizon: int
     goal: Bools
     rules: tuple[RewardRule, ...]
     ends_after: Condition | None
     ends_in: Condition | None
     unsafe: Condition | None
-    properties: Mapping[str, str] = field(default_factory=dict)
     processes: tuple[DeclaredProcess, ...] = ()
 
+    def same_episodes(self, other: Objective) -> bool:
+        """Return whether episodes begin alike and last as long."""
+        same_start = isinstance(other, DeclaredObjective) and np.array_equal(self.start, other.start)
+        return same_start and super().same_episodes(other)
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Combination(ShortRepr):
-    """One configuration of each concern over a case's space, modes and actions.
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Combination(ShortRepr, ABC):
+    """One configuration of each concern, of whatever kind of case.
 
     Attributes:
         name: `<environment>.<capability>.<objective>`, or the name of an online system.
-        space: the locations.
-        modes: Q names, the same for the whole case.
-        actions: declared names, the same for the whole case: external, innate, `start_*`.
+        actions: declared names, the same for the whole case.
         environment: its environment.
         capability: its capability.
         objective: its objective.
@@ -222,20 +244,13 @@ class Combination(ShortRepr):
     """
 
     name: str
-    space: Space
-    modes: tuple[str, ...]
     actions: tuple[str, ...]
-    environment: Environment
-    capability: Capability
+    environment: Configuration
+    capability: Configuration
     objective: Objective
     discount: float
     digest: str
     reset: ResetMode = "episodes"
-
-    @property
-    def processes(self) -> tuple[DeclaredProcess, ...]:
-        """What changes beside location, mode and completion, in order of declaration."""
-        return (*self.environment.processes, *self.capability.processes, *self.objective.processes)
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -243,7 +258,44 @@ class Combination(ShortRepr):
         return (*self.actions, END_ACTION)
 
     @property
+    @abstractmethod
+    def program(self) -> Program:
+        """The closed program, with the labels `complete`, `goal` and, where declared, `unsafe`.
+
+        Its reward structures are `objective` and `steps`; in complete states `end` is the only action.
+
+        Raises:
+            InputError: the parts do not compose to a program.
+        """
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class DeclaredCombination(Combination):
+    """A combination of a case file, over the case's space, modes and actions.
+
+    Attributes:
+        space: the locations.
+        modes: Q names, the same for the whole case.
+    """
+
+    space: Space
+    modes: tuple[str, ...]
+    environment: Environment
+    capability: Capability
+    objective: DeclaredObjective
+
+    @property
+    def processes(self) -> tuple[DeclaredProcess, ...]:
+        """What changes beside location, mode and completion, in order of declaration."""
+        return (*self.environment.processes, *self.capability.processes, *self.objective.processes)
+
+    @property
     def passable(self) -> Bools:
         """bool [P, L], the moves that are not blocked."""
         closed = self.environment.blocked | self.capability.no_entry
         return passable(self.space, closed, self.environment.blocked_edges)
+
+    @cached_property
+    def program(self) -> Program:
+        """See `Combination`."""
+        return compose(self)

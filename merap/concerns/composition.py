@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from merap.concerns.combination import Combination, Condition, ExternalAction, InnateAction, Outcome
 from merap.concerns.conditions import all_of
 from merap.concerns.location_tables import LocationTables, is_mode, mode_in
 from merap.concerns.processes import as_process, linked
@@ -42,11 +42,20 @@ from merap.program.form import (
     integer,
 )
 
+if TYPE_CHECKING:
+    from merap.concerns.combination import (
+        Condition,
+        DeclaredCombination,
+        ExternalAction,
+        InnateAction,
+        Outcome,
+    )
+
 ONE = Constant(Fraction(1))
 SHIFT = "shift"
 
 
-def compose(combination: Combination) -> Program:
+def compose(combination: DeclaredCombination) -> Program:
     """Return the program of a combination; its reward structures are `objective` and `steps`."""
     tables = LocationTables(combination)
     complete = _complete(combination, tables)
@@ -75,7 +84,7 @@ def compose(combination: Combination) -> Program:
     )
 
 
-def compose_pair(combination: Combination, starts: Bools) -> Program:
+def compose_pair(combination: DeclaredCombination, starts: Bools) -> Program:
     """Return the program of environment and capability alone, without rewards; every state may rest.
 
     Args:
@@ -105,7 +114,7 @@ def _not(condition: Expression) -> Expression:
 
 
 def _processes(
-    combination: Combination, tables: LocationTables, space: Process, last: Process
+    combination: DeclaredCombination, tables: LocationTables, space: Process, last: Process
 ) -> tuple[Process, ...]:
     """Return all processes: space, environment, capability, objective; those that are linked are one."""
     actions = _actions(combination)
@@ -125,7 +134,7 @@ def _command(action: str, guard: Expression, *outcomes: Update) -> Command:
 # --- space: rule 1 ---
 
 
-def _space(combination: Combination, tables: LocationTables, start: Floats) -> Process:
+def _space(combination: DeclaredCombination, tables: LocationTables, start: Floats) -> Process:
     space = combination.space
     bounds = zip(space.variable_names, space.valuations.max(axis=0).tolist(), strict=True)
     return Process(
@@ -149,7 +158,7 @@ def _space(combination: Combination, tables: LocationTables, start: Floats) -> P
     )
 
 
-def _coordinate(combination: Combination, name: str, high: int) -> StateVariable:
+def _coordinate(combination: DeclaredCombination, name: str, high: int) -> StateVariable:
     """Return a location variable; on a graph its values have the names of the locations."""
     if combination.space.shape is not None:
         return integer(name, 0, high)
@@ -174,7 +183,7 @@ def _outcome(outcome: Outcome, intended: int | None, tables: LocationTables) -> 
 # --- capability: rules 2 and 3 ---
 
 
-def _capability(combination: Combination, tables: LocationTables) -> Process:
+def _capability(combination: DeclaredCombination, tables: LocationTables) -> Process:
     capability, modes = combination.capability, combination.modes
     terminal = mode_in(capability.terminal(len(modes)))
     commands = [
@@ -209,7 +218,7 @@ def _to_mode(chance: Expression, mode: int) -> Update:
 # --- objective: rule 4 ---
 
 
-def _actions(combination: Combination) -> list[str]:
+def _actions(combination: DeclaredCombination) -> list[str]:
     """Return the actions of this capability, in declared order; an innate one may be defined nowhere."""
     capability = combination.capability
     names = [action.name for action in capability.external]
@@ -219,13 +228,13 @@ def _actions(combination: Combination) -> list[str]:
     return names
 
 
-def _complete(combination: Combination, tables: LocationTables) -> Expression:
+def _complete(combination: DeclaredCombination, tables: LocationTables) -> Expression:
     flag = Variable(FLAG_VARIABLE, 0)
     ends_in = combination.objective.ends_in
     return flag if ends_in is None else Operation("|", (flag, tables.holds(ends_in)))
 
 
-def _objective(combination: Combination, tables: LocationTables, complete: Expression) -> Process:
+def _objective(combination: DeclaredCombination, tables: LocationTables, complete: Expression) -> Process:
     going = _not(complete)
     commands = [
         _command(action, going, *_flagged(combination.objective.ends_after, action, tables))
@@ -247,7 +256,7 @@ def _flagged(ends_after: Condition | None, action: str, tables: LocationTables) 
     return [Update(ONE, {FLAG_VARIABLE: tables.holds(ends_after)})]
 
 
-def _rules(combination: Combination, tables: LocationTables) -> Iterator[RewardItem]:
+def _rules(combination: DeclaredCombination, tables: LocationTables) -> Iterator[RewardItem]:
     """Yield the rules, each for the actions that it is about; `end` earns nothing."""
     known = frozenset(_actions(combination))
     for rule in combination.objective.rules:

@@ -21,7 +21,7 @@ from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, ObjectiveSpec
-from merap.concerns.supports import Configurations, Support, Supports
+from merap.concerns.supports import Configurations, DeclaredSupports, Support, Supports
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
 from merap.errors import InputError
@@ -83,7 +83,7 @@ def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
     )
 
 
-def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolvers) -> Supports:
+def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolvers) -> DeclaredSupports:
     """Make the configurations of the three concerns; none closes a start location.
 
     Raises:
@@ -141,7 +141,7 @@ def _reachability(
     )
 
 
-def check_at_load(supports: Supports, check_pair: DistributionCheck) -> None:
+def check_at_load(supports: DeclaredSupports, check_pair: DistributionCheck) -> None:
     """Resolve and check the first configurations of each concern: all of a small support.
 
     Raises:

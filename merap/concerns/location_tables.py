@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from merap.concerns.combination import Combination, Condition
 from merap.concerns.conditions import all_of
 from merap.concerns.processes import DeclaredProcess
 from merap.mdp.model import Bools, Ints
@@ -28,6 +28,9 @@ from merap.program.expressions import (
 )
 from merap.program.form import TRUE
 
+if TYPE_CHECKING:
+    from merap.concerns.combination import Condition, DeclaredCombination
+
 # Coordinates move by one of so many distances, or else each move has its target.
 MAX_SHIFTS = 8
 
@@ -35,7 +38,7 @@ MAX_SHIFTS = 8
 class LocationTables:
     """The tables of a combination, each made once."""
 
-    def __init__(self, combination: Combination) -> None:
+    def __init__(self, combination: DeclaredCombination) -> None:
         self._combination = combination
         self._space = combination.space
         self._passable = combination.passable

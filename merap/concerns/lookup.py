@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from os import PathLike
 from typing import Any, TypeAlias
 
-from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import CaseStudy, DeclaredCase, load_case
+from merap.concerns.combination import Combination, DeclaredCombination
 from merap.concerns.schema_base import shown
 from merap.errors import InputError
 
@@ -34,12 +34,7 @@ def as_system(case: CaseStudy, value: Combination | str) -> Combination:
         InputError: it is neither, the case has none of that name, or the combination is of another case.
     """
     if isinstance(value, Combination):
-        same = (value.space.locations, value.modes, value.actions) == (
-            case.space.locations,
-            case.modes,
-            case.actions,
-        )
-        if not same:
+        if value.digest != case.digest:
             raise InputError(f"{value.name} is of another case than {case.name}", source="system")
         return value
     if not isinstance(value, str):
@@ -77,3 +72,25 @@ def as_combination(value: Any) -> Combination:
             source="combination",
         )
     return value
+
+
+def declared(combination: Combination) -> DeclaredCombination:
+    """Return a combination whose parts are declared in the case language.
+
+    Raises:
+        InputError: it comes from PRISM text.
+    """
+    if not isinstance(combination, DeclaredCombination):
+        raise InputError(f"{combination.name} is PRISM text: that is possible in the case language only")
+    return combination
+
+
+def declared_case(case: CaseStudy) -> DeclaredCase:
+    """Return a case in the case language.
+
+    Raises:
+        InputError: its models come from PRISM text.
+    """
+    if not isinstance(case, DeclaredCase):
+        raise InputError(f"{case.name} is PRISM text: that is possible in the case language only")
+    return case

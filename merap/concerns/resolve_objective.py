@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.combination import Condition, Objective, RewardRule
+from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.resolution_context import ResolutionContext, expression_kinds, names_in
@@ -99,7 +99,7 @@ class ObjectiveResolver:
         values: Values,
         start: tuple[KeyPath, tuple[StartPoint, ...]] | None = None,
         horizon: int | None = None,
-    ) -> Objective:
+    ) -> DeclaredObjective:
         """The objective called `name`.
 
         Args:
@@ -113,7 +113,7 @@ class ObjectiveResolver:
         """
         known = {**self.context.named_constants, **constants(self.spec.parameters, values)}
         path, points = start or (("objective", "start"), self.spec.start)
-        return Objective(
+        return DeclaredObjective(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
             start=self._start(path, points, values),

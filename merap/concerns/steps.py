@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Condition, DeclaredCombination
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
@@ -18,7 +18,7 @@ from merap.program.expressions import Column, Expression, evaluate, variables
 from merap.program.form import TRUE
 
 
-def require_places_and_modes(combination: Combination) -> None:
+def require_places_and_modes(combination: DeclaredCombination) -> None:
     """Refuse a combination of which arrays over locations and modes can't hold the states.
 
     Raises:
@@ -35,7 +35,7 @@ def require_places_and_modes(combination: Combination) -> None:
 class Steps:
     """Steps (s, a, s') as columns of length B, on which conditions and rules are evaluated."""
 
-    def __init__(self, combination: Combination, state: Ints, action: Ints, target: Ints) -> None:
+    def __init__(self, combination: DeclaredCombination, state: Ints, action: Ints, target: Ints) -> None:
         require_places_and_modes(combination)
         num_modes = len(combination.modes)
         self.combination = combination
@@ -79,14 +79,14 @@ class Steps:
         return evaluate(expression, {name: self.scope[name][mask] for name in read})
 
 
-def holds_in_states(combination: Combination, condition: Condition) -> Bools:
+def holds_in_states(combination: DeclaredCombination, condition: Condition) -> Bools:
     """bool [P * Q]: where a condition on location, mode and attributes holds."""
     states = np.arange(combination.space.num_locations * len(combination.modes))
     return Steps(combination, states, np.zeros_like(states), states).holds(condition)
 
 
 def scope_of(
-    combination: Combination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
+    combination: DeclaredCombination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
 ) -> dict[str, Column]:
     """Return the columns that expressions read in B steps; those of the successor are primed.
 

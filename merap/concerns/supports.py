@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from merap.concerns.combination import Capability, Environment, Objective
+from merap.concerns.combination import Capability, Configuration, DeclaredObjective, Environment, Objective
 from merap.concerns.generation import Product
 from merap.concerns.parameters import Values, held_locations
 from merap.mdp.model import Ints
 from merap.mdp.short_repr import ShortRepr
 
-Resolved = TypeVar("Resolved")
+Resolved_co = TypeVar("Resolved_co", covariant=True)
+OfEnvironment_co = TypeVar("OfEnvironment_co", bound=Configuration, covariant=True)
+OfCapability_co = TypeVar("OfCapability_co", bound=Configuration, covariant=True)
+OfObjective_co = TypeVar("OfObjective_co", bound=Objective, covariant=True)
 
 
 class Configurations(Protocol):
@@ -143,7 +146,7 @@ class Generated(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Support(ShortRepr, Generic[Resolved]):
+class Support(ShortRepr, Generic[Resolved_co]):
     """The finite set of configurations of a concern; each is resolved once, when asked for.
 
     Attributes:
@@ -153,9 +156,9 @@ class Support(ShortRepr, Generic[Resolved]):
     """
 
     configurations: Configurations
-    resolve: Callable[[str, Values], Resolved]
+    resolve: Callable[[str, Values], Resolved_co]
     capacity: int = 100_000
-    _resolved: dict[int, Resolved] = field(default_factory=dict, repr=False)
+    _resolved: dict[int, Resolved_co] = field(default_factory=dict, repr=False)
 
     @property
     def count(self) -> int:
@@ -165,7 +168,7 @@ class Support(ShortRepr, Generic[Resolved]):
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index: int) -> Resolved:
+    def __getitem__(self, index: int) -> Resolved_co:
         if not 0 <= index < self.count:
             raise IndexError(index)
         if index not in self._resolved:
@@ -175,7 +178,7 @@ class Support(ShortRepr, Generic[Resolved]):
             self._resolved[index] = self.resolve(configurations.name(index), configurations.values(index))
         return self._resolved[index]
 
-    def __iter__(self) -> Iterator[Resolved]:
+    def __iter__(self) -> Iterator[Resolved_co]:
         return (self[index] for index in range(self.count))
 
     def name(self, index: int) -> str:
@@ -196,9 +199,12 @@ class Support(ShortRepr, Generic[Resolved]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Supports(ShortRepr):
+class Supports(ShortRepr, Generic[OfEnvironment_co, OfCapability_co, OfObjective_co]):
     """The configurations of each concern: N environments, M capabilities, K objectives."""
 
-    environment: Support[Environment]
-    capability: Support[Capability]
-    objective: Support[Objective]
+    environment: Support[OfEnvironment_co]
+    capability: Support[OfCapability_co]
+    objective: Support[OfObjective_co]
+
+
+DeclaredSupports: TypeAlias = Supports[Environment, Capability, DeclaredObjective]

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from merap.concerns.combination import Combination, ExternalAction, Outcome
+from merap.concerns.combination import DeclaredCombination, ExternalAction, Outcome
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, require_places_and_modes, scope_of
 from merap.errors import InputError
@@ -32,7 +32,7 @@ from merap.mdp.reserved_names import (
 from merap.program.expressions import evaluate
 
 
-def synthesise(combination: Combination) -> TabularMDP:
+def synthesise(combination: DeclaredCombination) -> TabularMDP:
     """The whole MDP of a combination, over its reachable states (p, q, done).
 
     Raises:
@@ -41,7 +41,7 @@ def synthesise(combination: Combination) -> TabularMDP:
     return attach(synthesise_pair(combination), combination)
 
 
-def synthesise_pair(combination: Combination, starts: Bools | None = None) -> TabularMDP:
+def synthesise_pair(combination: DeclaredCombination, starts: Bools | None = None) -> TabularMDP:
     """Environment and capability without objective: rules 1 to 3 on all of P x Q, no reward.
 
     Every state has the action `end` beside its own, so that none is without an action.
@@ -67,7 +67,7 @@ def synthesise_pair(combination: Combination, starts: Bools | None = None) -> Ta
     )
 
 
-def pair_valuations(combination: Combination) -> Ints:
+def pair_valuations(combination: DeclaredCombination) -> Ints:
     """int64 [P * Q, V]: the values of the location variables and the mode, in canonical order."""
     num_modes = len(combination.modes)
     locations = np.repeat(combination.space.valuations, num_modes, axis=0)
@@ -75,7 +75,7 @@ def pair_valuations(combination: Combination) -> Ints:
     return np.column_stack([locations, modes])
 
 
-def _initial(combination: Combination, start: Floats) -> Floats:
+def _initial(combination: DeclaredCombination, start: Floats) -> Floats:
     initial = np.zeros((combination.space.num_locations, len(combination.modes)))
     initial[:, combination.capability.initial_mode] = start
     return initial.ravel()
@@ -88,7 +88,7 @@ def _branches(state: Ints, action: int, target: Ints, prob: Floats) -> Columns:
     return state, np.full(len(state), action), target, prob, np.zeros(len(state))
 
 
-def _external(combination: Combination) -> Iterator[Columns]:
+def _external(combination: DeclaredCombination) -> Iterator[Columns]:
     num_modes = len(combination.modes)
     terminal = np.flatnonzero(combination.capability.terminal(num_modes))
     passable = combination.passable
@@ -117,7 +117,7 @@ def _where_enabled(action: ExternalAction, passable: Bools) -> Ints:
     return np.arange(len(passable))
 
 
-def _innate(combination: Combination) -> Iterator[Columns]:
+def _innate(combination: DeclaredCombination) -> Iterator[Columns]:
     innate = combination.capability.innate
     if innate is None:
         return
@@ -135,7 +135,7 @@ def _innate(combination: Combination) -> Iterator[Columns]:
             yield _branches(locations + mode, index, locations + innate.entry, np.ones(len(locations)))
 
 
-def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
+def attach(pair: TabularMDP, combination: DeclaredCombination) -> TabularMDP:
     """Put the objective on a pair's arrays (rule 4), restricted to what is reachable.
 
     Args:
@@ -168,7 +168,7 @@ def attach(pair: TabularMDP, combination: Combination) -> TabularMDP:
     )
 
 
-def attach_everywhere(pair: TabularMDP, combination: Combination) -> TabularMDP:
+def attach_everywhere(pair: TabularMDP, combination: DeclaredCombination) -> TabularMDP:
     """Like `attach`, over all of P x Q x {0, 1}: state (p, q, done) has number 2 * (p * Q + q) + done.
 
     States that can't be reached from the start keep their rows; they may have no action.
@@ -194,7 +194,7 @@ def attach_everywhere(pair: TabularMDP, combination: Combination) -> TabularMDP:
     )
 
 
-def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools) -> Branches:
+def _with_objective(pair: TabularMDP, combination: DeclaredCombination, complete: Bools) -> Branches:
     end = combination.action_names.index(END_ACTION)
     state, action, target, prob = _in_canonical_order(pair, combination)
     keep = (action != end) & ~complete[state]
@@ -213,7 +213,9 @@ def _with_objective(pair: TabularMDP, combination: Combination, complete: Bools)
     )
 
 
-def _in_canonical_order(pair: TabularMDP, combination: Combination) -> tuple[Ints, Ints, Ints, Floats]:
+def _in_canonical_order(
+    pair: TabularMDP, combination: DeclaredCombination
+) -> tuple[Ints, Ints, Ints, Floats]:
     """A pair's branches as columns (state, action, target, probability), states as p * Q + q."""
     variables = (*combination.space.variable_names, MODE_VARIABLE)
     index = match_rows(align_variables(pair, variables), pair_valuations(combination))
@@ -234,7 +236,7 @@ def _renumbered(branches: Branches, kept: Bools) -> Branches:
     )
 
 
-def _require_an_action(combination: Combination, kept: Bools, branches: Branches) -> None:
+def _require_an_action(combination: DeclaredCombination, kept: Bools, branches: Branches) -> None:
     has_action = np.zeros(len(kept), dtype=np.bool_)
     has_action[branches.state] = True
     stuck = np.flatnonzero(kept & ~has_action)
@@ -247,12 +249,12 @@ def _require_an_action(combination: Combination, kept: Bools, branches: Branches
         )
 
 
-def _whole_valuations(combination: Combination) -> Ints:
+def _whole_valuations(combination: DeclaredCombination) -> Ints:
     pairs = np.repeat(pair_valuations(combination), 2, axis=0)
     return np.column_stack([pairs, np.tile([0, 1], len(pairs) // 2)])
 
 
-def _labels(combination: Combination, complete: Bools) -> dict[str, Bools]:
+def _labels(combination: DeclaredCombination, complete: Bools) -> dict[str, Bools]:
     flag = np.tile([False, True], len(complete))
     labels = {
         COMPLETE_LABEL: flag | np.repeat(complete, 2),
@@ -263,7 +265,7 @@ def _labels(combination: Combination, complete: Bools) -> dict[str, Bools]:
     return labels
 
 
-def _complete_in(combination: Combination) -> Bools:
+def _complete_in(combination: DeclaredCombination) -> Bools:
     if combination.objective.ends_in is None:
         return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
     return holds_in_states(combination, combination.objective.ends_in)

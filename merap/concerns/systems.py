@@ -8,14 +8,14 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from merap.concerns.checks import DistributionCheck, check_system_start
-from merap.concerns.combination import Combination, Objective
+from merap.concerns.combination import DeclaredCombination, DeclaredObjective
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
 from merap.concerns.parameters import ParameterTypes, Values
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec, SystemSpec
-from merap.concerns.supports import Support, Supports
+from merap.concerns.supports import DeclaredSupports, Support
 from merap.mdp.short_repr import ShortRepr
 from merap.program.names import suggestion
 
@@ -38,7 +38,7 @@ class SystemReader(ShortRepr):
 
     context: ResolutionContext
     spec: CaseSpec
-    supports: Supports
+    supports: DeclaredSupports
     resolvers: Resolvers
     check_pair: DistributionCheck
     digest: str
@@ -51,7 +51,7 @@ class SystemReader(ShortRepr):
     def _path(self, name: str) -> KeyPath:
         return ("online", name) if self.place is None else self.place
 
-    def __call__(self, name: str, spec: SystemSpec) -> Combination:
+    def __call__(self, name: str, spec: SystemSpec) -> DeclaredCombination:
         """The online system called `name`.
 
         Raises:
@@ -60,7 +60,7 @@ class SystemReader(ShortRepr):
         self._check_name(name)
         environment = self._concern(name, "environment", self.supports.environment, spec.environment)
         capability = self._concern(name, "capability", self.supports.capability, spec.capability)
-        system = Combination(
+        system = DeclaredCombination(
             name=name,
             space=self.context.space,
             modes=self.context.modes,
@@ -94,7 +94,7 @@ class SystemReader(ShortRepr):
         found = self._find(system, concern, support, given)
         return support[found] if isinstance(found, int) else support.resolve(system, found)
 
-    def _objective(self, system: str, spec: SystemSpec) -> Objective:
+    def _objective(self, system: str, spec: SystemSpec) -> DeclaredObjective:
         support = self.supports.objective
         found = self._find(system, "objective", support, spec.objective)
         name, values = system, found

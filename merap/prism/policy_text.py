@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Space
 from merap.mdp.alignment import align_variables
 from merap.mdp.matching import match_rows
@@ -29,7 +29,7 @@ from merap.program.form import Program
 _DECIMALS = 15
 
 
-def policy_text(combination: Combination, program: Program, chain: TabularMDP, title: str) -> str:
+def policy_text(combination: DeclaredCombination, program: Program, chain: TabularMDP, title: str) -> str:
     """Return the text of a chain.
 
     Args:
@@ -60,7 +60,7 @@ def policy_text(combination: Combination, program: Program, chain: TabularMDP, t
     )
 
 
-def _start_key(combination: Combination) -> list[str]:
+def _start_key(combination: DeclaredCombination) -> list[str]:
     """The weights of several initial states, which the language has no place for."""
     space, start = combination.space, combination.objective.start
     return [
@@ -69,7 +69,9 @@ def _start_key(combination: Combination) -> list[str]:
     ]
 
 
-def _steps(combination: Combination, chain: TabularMDP) -> tuple[list[CommandLine], list[tuple[int, str]]]:
+def _steps(
+    combination: DeclaredCombination, chain: TabularMDP
+) -> tuple[list[CommandLine], list[tuple[int, str]]]:
     """Return a command for each state that isn't complete; and by mode the reward of a step in it."""
     space = combination.space
     names = (*space.variable_names, MODE_VARIABLE, FLAG_VARIABLE)

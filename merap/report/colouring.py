@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize, to_hex
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Attribute
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
@@ -38,7 +38,7 @@ class Colouring:
     title: str
 
 
-def colour_by(combination: Combination, name: str | None) -> Colouring:
+def colour_by(combination: DeclaredCombination, name: str | None) -> Colouring:
     """Colour locations by an attribute, or by the first that varies.
 
     Args:
@@ -62,7 +62,7 @@ def colour_by(combination: Combination, name: str | None) -> Colouring:
     return Colouring(face, dotted, _entries(attribute, levels, norm, shape), None, "")
 
 
-def _choose(combination: Combination, name: str | None) -> Attribute | None:
+def _choose(combination: DeclaredCombination, name: str | None) -> Attribute | None:
     attributes = {attribute.name: attribute for attribute in combination.environment.attributes}
     if name is None:
         return next((a for a in attributes.values() if np.ptp(a.values) > 0), None)

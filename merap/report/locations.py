@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, Rectangle
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.composition import compose
 from merap.concerns.space import Space
 from merap.concerns.steps import holds_in_states
@@ -101,7 +101,7 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
     return entries
 
 
-def unsafe_locations(combination: Combination) -> Bools:
+def unsafe_locations(combination: DeclaredCombination) -> Bools:
     """Return bool [P], whether some state there is unsafe (with processes: one that can be reached)."""
     condition = combination.objective.unsafe
     if condition is None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.mdp.model import Floats
 from merap.report.colouring import Colouring, colour_by
 from merap.report.edges import draw_edges
@@ -21,7 +21,7 @@ from merap.report.style import LINES, Entry, Line
 
 
 def draw_map(
-    combination: Combination,
+    combination: DeclaredCombination,
     *,
     attribute: str | None = None,
     policy: Floats | None = None,
@@ -56,7 +56,7 @@ def draw_map(
 
 
 def draw_before_after(
-    combination: Combination,
+    combination: DeclaredCombination,
     before: RoutePath,
     after: RoutePath,
     *,

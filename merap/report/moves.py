@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba_array
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Space
 from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints
@@ -34,7 +34,7 @@ class Moves:
     prob: Floats
 
 
-def likeliest_moves(combination: Combination, policy: Floats, mode: int) -> Moves:
+def likeliest_moves(combination: DeclaredCombination, policy: Floats, mode: int) -> Moves:
     """Return the most probable action of a policy at each location in a mode.
 
     Args:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.synthesis import synthesise_pair
 from merap.errors import ModelError
 from merap.mdp.model import Floats, Ints, TabularMDP
@@ -73,7 +73,7 @@ class RoutePath:
 
 
 def most_likely_path(
-    mdp: TabularMDP, combination: Combination, policy: Floats, horizon: int, label: str = "path"
+    mdp: TabularMDP, combination: DeclaredCombination, policy: Floats, horizon: int, label: str = "path"
 ) -> RoutePath:
     """Follow a policy from the likeliest start: always the likeliest action and outcome.
 
@@ -107,7 +107,7 @@ def most_likely_path(
     )
 
 
-def _judged(ending: Ending, combination: Combination, last: int) -> Ending:
+def _judged(ending: Ending, combination: DeclaredCombination, last: int) -> Ending:
     """Return `ended` for a task with a goal that came to an end elsewhere, else the same."""
     goal = combination.objective.goal
     return "ended" if ending == "completed" and goal.any() and not goal[last] else ending
@@ -151,7 +151,7 @@ def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]
     return mdp.branch_target[branches], mdp.branch_prob[branches]
 
 
-def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) -> tuple[Ints, Ints]:
+def _location_and_mode(mdp: TabularMDP, combination: DeclaredCombination, states: Ints) -> tuple[Ints, Ints]:
     """Return the location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
     space = combination.space
     columns = [mdp.variable_names.index(name) for name in space.variable_names]
@@ -163,7 +163,9 @@ def _location_and_mode(mdp: TabularMDP, combination: Combination, states: Ints) 
     return np.array(locations), np.array(modes)
 
 
-def _where_completed(mdp: TabularMDP, combination: Combination, state: int, action: int) -> tuple[int, int]:
+def _where_completed(
+    mdp: TabularMDP, combination: DeclaredCombination, state: int, action: int
+) -> tuple[int, int]:
     """Return location and mode where a step into the folded completed state leads.
 
     Without objective the same choice has the same successors, but for those that were folded.

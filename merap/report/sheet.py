@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.mdp.model import Floats
 from merap.report.extent import Extent, extent_of
 from merap.report.geometry import EdgeLines, edge_lines
@@ -47,7 +47,7 @@ class Panel:
     axes: Axes
     extent: Extent
     lines: EdgeLines
-    combination: Combination
+    combination: DeclaredCombination
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Sheet:
     panels: tuple[Panel, ...]
 
 
-def open_sheet(combination: Combination, panels: int) -> Sheet:
+def open_sheet(combination: DeclaredCombination, panels: int) -> Sheet:
     """Make a page with empty maps of one combination; `close_sheet` gives them their place."""
     extent = extent_of(combination.space)
     # On a grid neighbours touch, nothing lies between them.

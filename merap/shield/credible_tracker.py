@@ -42,7 +42,7 @@ class CredibleSource:
         self._space = space
         self._doubt = doubt
         self._unsafe = unsafe_states(space, required=hazard_prior == 0)
-        self._hazards = Hazards(space.case.combination_at(0), hazard_prior)
+        self._hazards = Hazards(space.case.combine(0, 0, 0), hazard_prior)
         self._signature = b""
         self._outcomes: OutcomeSets | None = None
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Condition, DeclaredCombination
 from merap.concerns.space import Attribute, Detector
 from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
@@ -40,7 +40,9 @@ class Hazards:
         InputError: the prior is no probability.
     """
 
-    def __init__(self, combination: Combination, prior: float, at: Collection[int] | None = None) -> None:
+    def __init__(
+        self, combination: DeclaredCombination, prior: float, at: Collection[int] | None = None
+    ) -> None:
         if not 0 <= prior < 1:
             raise InputError(f"the prior on hazards must be in [0, 1), it is {prior}")
         self._combination = combination
@@ -74,7 +76,7 @@ class Hazards:
         return places
 
 
-def _telling(combination: Combination) -> list[Detector]:
+def _telling(combination: DeclaredCombination) -> list[Detector]:
     """The detectors of attributes that `unsafe` reads."""
     condition = combination.objective.unsafe
     if condition is None or condition.where is None:
@@ -83,7 +85,7 @@ def _telling(combination: Combination) -> list[Detector]:
     return [detector for detector in combination.space.detectors if detector.of in read]
 
 
-def _unsafe_if(combination: Combination, attribute: str, places: Ints, values: Floats) -> Bools:
+def _unsafe_if(combination: DeclaredCombination, attribute: str, places: Ints, values: Floats) -> Bools:
     """bool [places]: the location is unsafe, in some mode, if its attribute has the value read."""
     condition = combination.objective.unsafe
     assert isinstance(condition, Condition)

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.synthesis import attach, attach_everywhere
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import TabularMDP
@@ -30,7 +30,7 @@ class SafeOptimum:
         place: location p and mode q in which an episode begins, as p * Q + q; None: as the objective says.
     """
 
-    system: Combination
+    system: DeclaredCombination
     slip: float
     threshold: float
     place: int | None = None

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.steps import holds_in_states
 from merap.mdp.model import Bools
 from merap.shield.shield import ShieldReport
@@ -61,7 +61,7 @@ def total(found: Sequence[Safety]) -> dict[str, Any]:
     return {**sums, "shield": {"threshold": shields[0].threshold, **counts, "worst_risk": worst}}
 
 
-def unsafe_of(system: Combination) -> Bools | None:
+def unsafe_of(system: DeclaredCombination) -> Bools | None:
     """bool [P * Q], where a system's objective says so, by location and mode; None: it says nothing."""
     condition = system.objective.unsafe
     return None if condition is None else holds_in_states(system, condition)

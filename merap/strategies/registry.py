@@ -15,6 +15,7 @@ import numpy as np
 from merap.belief.refinement import Refinement
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
+from merap.concerns.lookup import declared_case
 from merap.errors import InputError
 from merap.families.build import model_of
 from merap.learning.meta import MetaPolicy
@@ -74,7 +75,7 @@ class StrategyContext:
     @cached_property
     def hypotheses(self) -> HypothesisSpace:
         """The hypotheses about the domain."""
-        return hypothesis_space(self.run.case)
+        return hypothesis_space(declared_case(self.run.case))
 
     @property
     def valuations(self) -> Ints:

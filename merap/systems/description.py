@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.systems.interface import Observation, SystemFault
@@ -61,7 +61,7 @@ class Interface:
     horizon: int | None = None
 
 
-def interface_of(combination: Combination, *, detect: bool) -> Interface:
+def interface_of(combination: DeclaredCombination, *, detect: bool) -> Interface:
     """Describe a simulated combination; the variables of a completed task are -1.
 
     Args:

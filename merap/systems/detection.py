@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Attribute, Detector, Space
 from merap.mdp.model import Floats, Ints
 
@@ -18,7 +18,7 @@ Reading = bool | int | float
 
 
 def detections(
-    combination: Combination, location: int, generator: np.random.Generator
+    combination: DeclaredCombination, location: int, generator: np.random.Generator
 ) -> dict[str, Mapping[str, Reading]]:
     """Draw one reading of every detector for each location that it sees.
 
@@ -46,7 +46,7 @@ def seen_locations(space: Space, location: int, reach: int) -> Ints:
 
 
 def _readings(
-    combination: Combination, detector: Detector, location: int, generator: np.random.Generator
+    combination: DeclaredCombination, detector: Detector, location: int, generator: np.random.Generator
 ) -> dict[str, Reading]:
     seen = seen_locations(combination.space, location, detector.range)
     attribute = _attribute(combination, detector.of)
@@ -58,7 +58,7 @@ def _readings(
     return {names[index]: kind(value) for index, value in zip(seen, read, strict=True)}
 
 
-def _attribute(combination: Combination, name: str) -> Attribute:
+def _attribute(combination: DeclaredCombination, name: str) -> Attribute:
     environment = combination.environment
     if name == "blocked":
         return Attribute(name, "bool", 0, 1, environment.blocked.astype(np.float64))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.errors import EngineError, InputError
 from merap.mdp.csr import first_match, row_best
 from merap.mdp.graph import surely_reaching
@@ -70,7 +70,7 @@ class ReturnTrips:
         pair: its environment and capability, slip included.
     """
 
-    def __init__(self, combination: Combination, pair: TabularMDP) -> None:
+    def __init__(self, combination: DeclaredCombination, pair: TabularMDP) -> None:
         self._combination = combination
         self._pair = pair
         self._simulator = simulator([pair])

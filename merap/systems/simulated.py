@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from merap.concerns.combination import Combination, ResetMode
+from merap.concerns.combination import DeclaredCombination, ResetMode
 from merap.errors import InputError
 from merap.mdp.model import Bools, TabularMDP
 from merap.systems.detection import detections
@@ -46,7 +46,7 @@ class SimulatedSystem:
 
     def __init__(
         self,
-        model: TabularMDP | Combination,
+        model: TabularMDP | DeclaredCombination,
         horizon: int,
         generator: np.random.Generator,
         *,
@@ -120,7 +120,7 @@ class SimulatedSystem:
         enabled: Bools = self._world.simulator.choice[self._state] >= 0
         return enabled
 
-    def fits(self, model: TabularMDP | Combination) -> bool:
+    def fits(self, model: TabularMDP | DeclaredCombination) -> bool:
         """Tell whether the system can go on under another model of its case, from where it is.
 
         Not in a location that is closed there, nor amid a task that is complete there.
@@ -131,7 +131,7 @@ class SimulatedSystem:
             return bool(model.state_to_choice[self._state + 1] > model.state_to_choice[self._state])
         return self._located().allows(self._state, model)
 
-    def switch(self, model: TabularMDP | Combination) -> None:
+    def switch(self, model: TabularMDP | DeclaredCombination) -> None:
         """Go on under another model of the same case, which `fits` or a reset follows.
 
         Raises:
@@ -183,7 +183,7 @@ class SimulatedSystem:
             raise InputError(f"no task can begin at {name}, where the last one ended: nothing is to be done")
         return state
 
-    def _made(self, model: TabularMDP | Combination) -> World:
+    def _made(self, model: TabularMDP | DeclaredCombination) -> World:
         return canonical_world(model) if isinstance(model, TabularMDP) else located_world(model, self._slip)
 
     def _located(self) -> LocatedWorld:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.synthesis import attach, synthesise_pair
 from merap.errors import InputError
 from merap.families.build import canonical
@@ -16,7 +16,7 @@ from merap.mdp.assembly import Branches, assemble
 from merap.mdp.model import TabularMDP
 
 
-def slipping_model(combination: Combination, slip: float) -> TabularMDP:
+def slipping_model(combination: DeclaredCombination, slip: float) -> TabularMDP:
     """Build the canonical model of a combination that slips, by its definition.
 
     Raises:
@@ -25,7 +25,7 @@ def slipping_model(combination: Combination, slip: float) -> TabularMDP:
     return canonical(combination, attach(slipping_pair(combination, slip), combination))
 
 
-def slipping_pair(combination: Combination, slip: float) -> TabularMDP:
+def slipping_pair(combination: DeclaredCombination, slip: float) -> TabularMDP:
     """Build environment and capability of a combination, see `synthesise_pair`, with slip.
 
     Raises:

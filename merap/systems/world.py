@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.steps import holds_in_states
 from merap.concerns.synthesis import attach_everywhere
 from merap.mdp.canonical import ABSORBING_VALUE
@@ -46,7 +46,7 @@ class LocatedWorld(World):
         return_trips: the ways back to a start.
     """
 
-    combination: Combination
+    combination: DeclaredCombination
     return_trips: ReturnTrips
 
     def located(self, state: int) -> tuple[int, int]:
@@ -57,7 +57,7 @@ class LocatedWorld(World):
         """Return the state in which a task begins at a location."""
         return 2 * (location * len(self.combination.modes) + self.combination.capability.initial_mode)
 
-    def allows(self, state: int, other: Combination) -> bool:
+    def allows(self, state: int, other: DeclaredCombination) -> bool:
         """Tell whether a system that is in a state can go on under another combination."""
         location, _ = self.located(state)
         if other.environment.blocked[location] or other.capability.no_entry[location]:
@@ -76,7 +76,7 @@ def canonical_world(model: TabularMDP) -> World:
     return World(model, simulator([model]), model.valuations, np.arange(model.num_states))
 
 
-def located_world(combination: Combination, slip: float) -> LocatedWorld:
+def located_world(combination: DeclaredCombination, slip: float) -> LocatedWorld:
     """Simulate a combination by its definition: rewards are those of each single step, not expected ones.
 
     Args:

@@ -58,7 +58,7 @@ def test_shipped_cases(path: Any) -> None:
 def test_a_graph_with_everything(tmp_path: Any) -> None:
     case = load_case(write_case(tmp_path, GRAPH))
     require_short(case)
-    assert repr(case).startswith("CaseStudy(name='small_graph', source=PosixPath(")
+    assert repr(case).startswith("DeclaredCase(name='small_graph', source=PosixPath(")
     assert repr(case.space.attributes[0]) == (
         "Attribute(name='light', kind='int', low=0.0, high=3.0, values=float64[4])"
     )

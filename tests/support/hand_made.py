@@ -10,13 +10,13 @@ import numpy as np
 
 from merap.concerns.combination import (
     Capability,
-    Combination,
     Condition,
+    DeclaredCombination,
+    DeclaredObjective,
     Environment,
     ExternalAction,
     Innate,
     InnateAction,
-    Objective,
     Outcome,
     RewardRule,
 )
@@ -67,14 +67,14 @@ def grid_combination(
     no_entry: Bools | None = None,
     goal: tuple[int, int] = (4, 4),
     size: int = SIZE,
-) -> Combination:
+) -> DeclaredCombination:
     """Return the paper's 9 x 9 world."""
     space = grid_space((size, size))
     empty = np.zeros(space.num_locations, dtype=np.bool_)
     start = cells((0, 0), size=size).astype(np.float64)
     at_goal = cells(goal, size=size)
     moves = [ExternalAction(name, (Outcome(i, number(1)),), "stay") for i, name in enumerate(SHIFTS)]
-    return Combination(
+    return DeclaredCombination(
         name="e.c.o",
         space=space,
         modes=("ready",),
@@ -89,7 +89,7 @@ def grid_combination(
             (ExternalAction("stop", (Outcome(None, number(1)),), "stay"), *moves),
             None,
         ),
-        objective=Objective(
+        objective=DeclaredObjective(
             name="o",
             parameters={},
             start=start,
@@ -108,7 +108,7 @@ def grid_combination(
     )
 
 
-def graph_combination() -> Combination:
+def graph_combination() -> DeclaredCombination:
     """Four locations in a ring, every feature of the composition once.
 
     `east` leads 0 -> 1 -> 2 -> 3, `west` back, `across` 0 -> 2. Location 3 is icy; the automaton
@@ -154,7 +154,7 @@ def graph_combination() -> Combination:
         actions=(InnateAction("measure", {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}),),
     )
     at_goal = np.array([False, False, False, True])
-    objective = Objective(
+    objective = DeclaredObjective(
         name="o",
         parameters={},
         start=np.array([0.25, 0.75, 0.0, 0.0]),
@@ -177,7 +177,7 @@ def graph_combination() -> Combination:
         ends_in=Condition(at=np.array([False, True, False, False]), modes=np.array([False, False, True])),
         unsafe=Condition(where=expression("light = 0")),
     )
-    return Combination(
+    return DeclaredCombination(
         name="e.c.o",
         space=space,
         modes=modes,
@@ -192,17 +192,17 @@ def graph_combination() -> Combination:
     )
 
 
-def with_environment(combination: Combination, **changes: Any) -> Combination:
+def with_environment(combination: DeclaredCombination, **changes: Any) -> DeclaredCombination:
     """Return the same with another environment."""
     return replace(combination, environment=replace(combination.environment, **changes))
 
 
-def with_capability(combination: Combination, **changes: Any) -> Combination:
+def with_capability(combination: DeclaredCombination, **changes: Any) -> DeclaredCombination:
     """Return the same with another capability."""
     return replace(combination, capability=replace(combination.capability, **changes))
 
 
-def with_objective(combination: Combination, **changes: Any) -> Combination:
+def with_objective(combination: DeclaredCombination, **changes: Any) -> DeclaredCombination:
     """Return the same with another objective."""
     return replace(combination, objective=replace(combination.objective, **changes))
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from merap.concerns.combination import (
     Capability,
-    Combination,
     Condition,
+    DeclaredCombination,
+    DeclaredObjective,
     Environment,
     ExternalAction,
     Innate,
     InnateAction,
-    Objective,
     Outcome,
     RewardRule,
 )
@@ -72,7 +72,7 @@ VALUES = (
 )
 
 
-def random_combination(seed: int) -> Combination:
+def random_combination(seed: int) -> DeclaredCombination:
     """Return the combination of a seed; names are `e<seed>.c.o`."""
     generator = np.random.default_rng(seed)
     space = _grid(generator) if generator.random() < 0.4 else _graph(generator)
@@ -81,7 +81,7 @@ def random_combination(seed: int) -> Combination:
     innate = _innate(generator, mode_count) if generator.random() < 0.7 else None
     external = _external(generator, space)
     extra = ("proceed", "reset", "start_automaton")
-    draft = Combination(
+    draft = DeclaredCombination(
         name=f"e{seed}.c.o",
         space=space,
         modes=tuple(f"m{mode}" for mode in range(mode_count)),
@@ -90,7 +90,7 @@ def random_combination(seed: int) -> Combination:
         capability=Capability(
             "c", {}, _mask(generator, space.num_locations, 0.1) & (start == 0), external, innate
         ),
-        objective=Objective(
+        objective=DeclaredObjective(
             name="o",
             parameters={},
             start=start,
@@ -210,7 +210,7 @@ def _row(generator: Generator, mode_count: int) -> dict[int, Fraction]:
     return {mode: Fraction(share, sum(shares)) for mode, share in enumerate(shares)}
 
 
-def _objective(generator: Generator, draft: Combination) -> Objective:
+def _objective(generator: Generator, draft: DeclaredCombination) -> DeclaredObjective:
     rules = [_rule(generator, draft) for _ in range(int(generator.integers(0, 5)))]
     return replace(
         draft.objective,
@@ -231,7 +231,7 @@ def _maybe(generator: Generator, value: Kind) -> Kind | None:
     return value if generator.random() < 0.6 else None
 
 
-def _rule(generator: Generator, draft: Combination) -> RewardRule:
+def _rule(generator: Generator, draft: DeclaredCombination) -> RewardRule:
     condition = _condition(generator, draft, steps=True)
     places, modes = draft.space.num_locations, len(draft.modes)
     condition = replace(
@@ -243,7 +243,7 @@ def _rule(generator: Generator, draft: Combination) -> RewardRule:
     return RewardRule(condition, parsed(str(generator.choice(VALUES))))
 
 
-def _condition(generator: Generator, draft: Combination, *, steps: bool) -> Condition:
+def _condition(generator: Generator, draft: DeclaredCombination, *, steps: bool) -> Condition:
     chosen = generator.choice(draft.actions, size=3)
     return Condition(
         at=_maybe(generator, _mask(generator, draft.space.num_locations, 0.6)),
