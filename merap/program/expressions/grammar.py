@@ -21,7 +21,7 @@ GRAMMAR = r"""
 ?sum: product | sum ADD product -> binary
 ?product: minus | product TIMES minus -> binary
 ?minus: atom | "-" minus -> negate
-?atom: NUMBER -> number | "true" -> true | "false" -> false | NAME -> variable
+?atom: NUMBER -> number | "true" -> true | "false" -> false | (NAME | LABEL) -> variable
      | FUNCTION "(" conditional ("," conditional)* ")" -> call | "(" conditional ")"
 IMPLIES.2: "=>"
 IFF.2: "<=>"
@@ -34,6 +34,7 @@ ADD: "+" | "-"
 TIMES: "*" | "/"
 FUNCTION.2: /(min|max|floor|ceil|pow|mod)(?=\s*\()/
 NAME: /[A-Za-z_][A-Za-z0-9_]*'?/
+LABEL: /"[A-Za-z_][A-Za-z0-9_]*"/
 NUMBER: /\d+(\.\d+)?([eE][+-]?\d{1,3})?/
 %ignore /[ \t\r\n]+/
 """

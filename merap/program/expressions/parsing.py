@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from fractions import Fraction
 
 from lark import Token, Transformer, UnexpectedInput, UnexpectedToken, v_args
@@ -123,9 +123,9 @@ def _kind(expression: Expression, kinds: Mapping[str, Kind]) -> Kind:
     match expression:
         case Constant(value):
             return "bool" if isinstance(value, bool) else "number"
-        case Variable(name, column):
+        case Variable(name):
             if name not in kinds:
-                raise InputError(f"unknown variable {name!r} at column {column}{suggestion(name, kinds)}")
+                raise InputError(_unknown(expression, kinds))
             return kinds[name]
         case Lookup(table, index):
             _require(expression, [_kind(index, kinds)], "number")
@@ -133,6 +133,14 @@ def _kind(expression: Expression, kinds: Mapping[str, Kind]) -> Kind:
         case Operation(symbol, arguments):
             found = [_kind(argument, kinds) for argument in arguments]
             return _kind_of_operation(expression, symbol, found)
+
+
+def _unknown(variable: Variable, known: Iterable[str]) -> str:
+    """Return the message that a name or label means nothing."""
+    is_label = variable.name.startswith('"')
+    alike = [name for name in known if name.startswith('"') == is_label]
+    shown = f"label {variable.name}" if is_label else f"variable {variable.name!r}"
+    return f"unknown {shown} at column {variable.column}{suggestion(variable.name, alike)}"
 
 
 def _kind_of_operation(expression: Operation, symbol: str, found: list[Kind]) -> Kind:

@@ -35,7 +35,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Variable:
-    """A name, with its prime if it speaks of the successor; `column` counts from 1."""
+    """A name, with its prime if it speaks of the successor, or a label in quotes; `column` counts from 1."""
 
     name: str
     column: int

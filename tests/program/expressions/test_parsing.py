@@ -179,6 +179,14 @@ def test_evaluation_broadcasts() -> None:
     np.testing.assert_array_equal(result, [[3, 4, 5], [6, 8, 10]])
 
 
+def test_a_label_is_a_condition_in_quotes() -> None:
+    expression = parse('x > 0 & !"goal"')
+    assert [(one.name, one.column) for one in variables(expression)] == [("x", 1), ('"goal"', 10)]
+    check(expression, {"x": "number", '"goal"': "bool"}, "bool")
+    with pytest.raises(InputError, match='unknown label "goal" at column 10; there are none'):
+        check(expression, {"x": "number"}, "bool")
+
+
 def test_variables_in_order_with_columns() -> None:
     found = [(variable.name, variable.column) for variable in variables(parse("b + a' * b"))]
     assert found == [("b", 1), ("a'", 5), ("b", 10)]
