@@ -18,7 +18,9 @@ from merap.program.expressions.folding import fold
 from merap.program.expressions.parsing import check, parse
 from merap.program.expressions.text import render, render_constant
 from merap.program.expressions.tree import (
+    IN,
     Constant,
+    Constants,
     Expression,
     Kind,
     Lookup,
@@ -38,10 +40,12 @@ from merap.program.expressions.values import (
 )
 
 __all__ = [
+    "IN",
     "Column",
     "Columns",
     "Combinations",
     "Constant",
+    "Constants",
     "Expression",
     "Integers",
     "Kind",

@@ -6,25 +6,29 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from merap.errors import InputError
-from merap.program.expressions.columns import Value
 from merap.program.expressions.operators import DECIDED_BY_LEFT, EXACT, bounded
 from merap.program.expressions.tree import (
+    IN,
     Constant,
+    Constants,
     Expression,
     Lookup,
     Operation,
     Table,
     Variable,
-    substitute,
+    parts,
+    with_parts,
 )
 
 
 def fold(
     expression: Expression,
-    constants: Mapping[str, Value],
+    constants: Constants,
     operators: Mapping[str, Callable[..., Any]] = EXACT,
 ) -> Expression:
     """Put constants in and compute every part that has no variable left, exactly.
+
+    `number in name` becomes a lookup in the table that the name stands for.
 
     A part that may never be needed, as the right side of `x > 0 & 10 / x > 2`, is left as it is where it
     is undefined.
@@ -32,12 +36,13 @@ def fold(
     Raises:
         InputError: division by zero, or a power that is not rational.
     """
-    if isinstance(expression, Variable):
-        return Constant(constants[expression.name]) if expression.name in constants else expression
-    if isinstance(expression, Constant):
-        return expression
+    if isinstance(expression, Constant | Variable):
+        return _put_in(expression, constants)
     if isinstance(expression, Lookup):
         return _fold_lookup(expression.table, fold(expression.index, constants, operators))
+    if expression.operator == IN:
+        found = _put_in(expression, constants)
+        return found if found == expression else fold(found, constants, operators)
     if expression.operator == "?:":
         return _fold_choice(expression.arguments, constants, operators)
     if expression.operator in DECIDED_BY_LEFT:
@@ -62,7 +67,7 @@ def _fold_lookup(table: Table, index: Expression) -> Expression:
 
 def _fold_choice(
     arguments: tuple[Expression, ...],
-    constants: Mapping[str, Value],
+    constants: Constants,
     operators: Mapping[str, Callable[..., Any]],
 ) -> Expression:
     """Fold only the side that is taken, once that is known."""
@@ -76,7 +81,7 @@ def _fold_choice(
 def _fold_logical(
     symbol: str,
     arguments: tuple[Expression, ...],
-    constants: Mapping[str, Value],
+    constants: Constants,
     operators: Mapping[str, Callable[..., Any]],
 ) -> Expression:
     """Fold the right side only if the left one does not decide."""
@@ -89,10 +94,23 @@ def _fold_logical(
 
 def _fold_if_defined(
     expression: Expression,
-    constants: Mapping[str, Value],
+    constants: Constants,
     operators: Mapping[str, Callable[..., Any]],
 ) -> Expression:
     try:
         return fold(expression, constants, operators)
     except InputError:
-        return substitute(expression, {name: Constant(value) for name, value in constants.items()})
+        return _put_in(expression, constants)
+
+
+def _put_in(expression: Expression, constants: Constants) -> Expression:
+    """Put constants in, without computing anything."""
+    if isinstance(expression, Variable):
+        value = constants.get(expression.name)
+        return expression if value is None or isinstance(value, Table) else Constant(value)
+    new = tuple(_put_in(part, constants) for part in parts(expression))
+    if isinstance(expression, Operation) and expression.operator == IN:
+        index, members = new
+        table = constants.get(members.name) if isinstance(members, Variable) else None
+        return Lookup(table, index) if isinstance(table, Table) else Operation(IN, new)
+    return with_parts(expression, new)

@@ -1,4 +1,4 @@
-"""The grammar of expressions: PRISM's operators with PRISM's precedence."""
+"""The grammar of expressions: PRISM's operators with PRISM's precedence, and `at(..)`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ GRAMMAR = r"""
 ?product: minus | product TIMES minus -> binary
 ?minus: atom | "-" minus -> negate
 ?atom: NUMBER -> number | "true" -> true | "false" -> false | (NAME | LABEL) -> variable
-     | FUNCTION "(" conditional ("," conditional)* ")" -> call | "(" conditional ")"
+     | FUNCTION "(" conditional ("," conditional)* ")" -> call | AT "(" places ")" -> at
+     | "(" conditional ")"
+?places: place | "[" place ("," place)* "]" -> several
+?place: NAME -> variable | "[" NUMBER "," NUMBER "]" -> cell
 IMPLIES.2: "=>"
 IFF.2: "<=>"
 OR: "|"
@@ -32,6 +35,7 @@ EQUALS: "=" | "!="
 ORDER: "<=" | ">=" | "<" | ">"
 ADD: "+" | "-"
 TIMES: "*" | "/"
+AT.2: /at'?(?=\s*\()/
 FUNCTION.2: /(min|max|floor|ceil|pow|mod)(?=\s*\()/
 NAME: /[A-Za-z_][A-Za-z0-9_]*'?/
 LABEL: /"[A-Za-z_][A-Za-z0-9_]*"/

@@ -12,7 +12,7 @@ from merap.errors import InputError
 from merap.program.expressions.grammar import ARITIES, parser
 from merap.program.expressions.operators import bounded
 from merap.program.expressions.text import render
-from merap.program.expressions.tree import Constant, Expression, Kind, Lookup, Operation, Variable, parts
+from merap.program.expressions.tree import IN, Constant, Expression, Kind, Lookup, Operation, Variable, parts
 from merap.program.names import suggestion
 
 MAX_LENGTH = 10_000
@@ -47,6 +47,17 @@ class _Builder(Transformer[Token, Expression]):
 
     def choose(self, *arguments: Expression) -> Expression:
         return Operation("?:", arguments)
+
+    def cell(self, row: Token, column: Token) -> Expression:
+        return Operation("cell", (self.number(row), self.number(column)))
+
+    def several(self, *places: Expression) -> Expression:
+        return Operation("several", places)
+
+    def at(self, function: Token, places: Expression) -> Expression:
+        if isinstance(places, Operation) and places.operator == "several":
+            return Operation(str(function), places.arguments)
+        return Operation(str(function), (places,))
 
     def call(self, function: Token, *arguments: Expression) -> Expression:
         allowed = ARITIES[str(function)]
@@ -144,6 +155,10 @@ def _unknown(variable: Variable, known: Iterable[str]) -> str:
 
 
 def _kind_of_operation(expression: Operation, symbol: str, found: list[Kind]) -> Kind:
+    if symbol == IN:
+        _require(expression, found[:1], "number")
+        _require(expression, found[1:], "locations")
+        return "bool"
     if symbol == "?:":
         _require(expression, found[:1], "bool")
         _require(expression, found[2:], found[1])

@@ -52,7 +52,7 @@ def _render(expression: Expression, rename: Callable[[str], str]) -> tuple[str, 
         case Variable(name):
             return rename(name), _ATOM
         case Lookup(table, index):
-            return f"{table.name}[{_render(index, rename)[0]}]", _ATOM
+            return table.meaning or f"{table.name}[{_render(index, rename)[0]}]", _ATOM
         case Operation("?:", arguments):
             condition, first = (_wrapped(argument, rename, 1) for argument in arguments[:2])
             second = _render(arguments[2], rename)[0]

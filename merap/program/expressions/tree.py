@@ -13,7 +13,9 @@ from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions.columns import Column, Value
 
-Kind: TypeAlias = Literal["bool", "number"]
+# A parameter that holds locations is of kind `locations`; only `in` reads it.
+Kind: TypeAlias = Literal["bool", "number", "locations"]
+IN = "in"
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Table(ShortRepr):
         name: what text calls the value.
         column: M values; entry m is that of number m.
         step: what text adds to the name of a table that is read at this one's value.
-        meaning: a comment for text; empty: none.
+        meaning: a comment for text, and what messages call the value; empty: none.
     """
 
     name: str
@@ -98,6 +100,8 @@ class Lookup(ShortRepr):
 
 
 Expression: TypeAlias = Constant | Variable | Operation | Lookup
+# What parameters stand for; a set of numbers is the table of its members.
+Constants: TypeAlias = Mapping[str, Value | Table]
 
 
 def parts(expression: Expression) -> tuple[Expression, ...]:
