@@ -22,6 +22,7 @@ from merap.concerns.combination import (
     Environment,
     Objective,
 )
+from merap.concerns.expression_names import CONCERNS
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_space import resolve_space
@@ -238,6 +239,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
         space,
         mode_names(spec.capability),
         action_names(spec.capability),
+        {concern: getattr(spec, concern).parameters for concern in CONCERNS},
         declared_variables(document, spec, space),
     )
     resolvers = make_resolvers(context, spec)

@@ -18,6 +18,7 @@ from merap.concerns.schema_base import Box, LocationRef, LocationSet, is_number,
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.program.expressions import Kind, exact
+from merap.program.form import ConcernName
 from merap.program.names import suggestion
 
 Edge: TypeAlias = tuple[int, int]
@@ -178,14 +179,19 @@ def present_all(types: ParameterTypes, values: Values, space: Space) -> dict[str
     return {name: present(kind, values[name], space) for name, kind in types.items()}
 
 
-def constants(types: ParameterTypes, values: Values) -> dict[str, Fraction | bool]:
-    """Return the parameters that expressions can read, as `expressions.fold` wants them."""
+def constants(concern: ConcernName, types: ParameterTypes, values: Values) -> dict[str, Fraction | bool]:
+    """Return the parameters that expressions can read, by their resolved names."""
     readable: dict[str, Fraction | bool] = {}
     for name, kind in types.items():
         value = values[name]
         if kind in EXPRESSION_KINDS and isinstance(value, bool | Fraction):
-            readable[name] = value
+            readable[parameter_name(concern, name)] = value
     return readable
+
+
+def parameter_name(concern: ConcernName, name: str) -> str:
+    """Return what a parameter is called in resolved expressions."""
+    return f"{concern}.{name}"
 
 
 def held_locations(values: Values, parameter: str) -> tuple[int, ...]:

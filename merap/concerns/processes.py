@@ -25,6 +25,7 @@ from merap.program.form import (
     Process,
     StateVariable,
     Update,
+    whole,
 )
 
 ONE, NOUGHT = Constant(Fraction(1)), Constant(Fraction(0))
@@ -79,6 +80,31 @@ class DeclaredProcess(ShortRepr):
                 Change(one.actions, change(one.where), outcomes(one.outcomes)) for one in self.changes
             ),
         )
+
+    def check_start(self) -> None:
+        """Refuse initial values that are missing or out of range, and probabilities that do not sum to 1.
+
+        What still depends on a parameter of another concern is left for later.
+
+        Raises:
+            InputError: without place.
+        """
+        chances = [start.probability for start in self.initial]
+        known = [Fraction(chance.value) for chance in chances if isinstance(chance, Constant)]
+        for chance in known:
+            if not 0 <= chance <= 1:
+                raise InputError(f"an initial value has the probability {float(chance):g}, not in [0, 1]")
+        if len(known) == len(chances) and sum(known) != 1:
+            raise InputError(f"the probabilities of initial sum to {float(sum(known)):g}, not 1")
+        for start, variable in product(self.initial, self.variables):
+            if variable.name not in start.values:
+                raise InputError(f"an outcome of initial gives {variable.name} no value")
+            given = start.values[variable.name]
+            if isinstance(given, Constant):
+                value = whole(given, f"the initial value of {variable.name}")
+                if not variable.low <= value <= variable.high:
+                    allowed = f"{variable.low}..{variable.high}"
+                    raise InputError(f"the initial value of {variable.name} is {value}, allowed is {allowed}")
 
 
 def as_process(declared: DeclaredProcess, actions: Sequence[str]) -> Process:

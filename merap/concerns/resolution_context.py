@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from merap.concerns.document import Document, KeyPath
+from merap.concerns.expression_names import NO_VALUES, ExpressionNames
 from merap.concerns.parameters import (
-    EXPRESSION_KINDS,
     ParameterTypes,
     Values,
     find_location,
@@ -21,7 +20,6 @@ from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.model import Bools
-from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Constant, Expression, Kind, Value, check, exact, parse, variables
 from merap.program.form import ConcernName, StateVariable
@@ -37,6 +35,7 @@ class ResolutionContext(ShortRepr):
         space: the locations.
         modes: Q names.
         actions: names of external, innate and `start_*` actions.
+        parameters: of each concern.
         variables: those of processes by name, with the concern that owns them.
     """
 
@@ -44,61 +43,56 @@ class ResolutionContext(ShortRepr):
     space: Space
     modes: tuple[str, ...]
     actions: tuple[str, ...]
+    parameters: Mapping[ConcernName, ParameterTypes] = field(default_factory=dict)
     variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
 
-    def variable_kinds(
-        self, *, primed: tuple[str, ...] = (), reader: ConcernName = "objective"
-    ) -> dict[str, Kind]:
-        """Return the types of attributes, mode, variables of processes, and names of modes and values.
-
-        Args:
-            primed: `attributes`, `mode` and `processes`, if they may be read of the successor too.
-            reader: who reads; environment and capability read nothing of the objective.
-        """
-        kinds: dict[str, Kind] = dict.fromkeys((MODE_VARIABLE, *self.modes, *self.named_values), "number")
-        for name, (owner, variable) in self.variables.items():
-            if reader == "objective" or owner != "objective":
-                kinds[name] = "bool" if variable.kind == "bool" else "number"
-                if "processes" in primed:
-                    kinds[f"{name}'"] = kinds[name]
-        for attribute in self.space.attributes:
-            kinds[attribute.name] = "bool" if attribute.kind == "bool" else "number"
-            if "attributes" in primed:
-                kinds[f"{attribute.name}'"] = kinds[attribute.name]
-        if MODE_VARIABLE in primed:
-            kinds[f"{MODE_VARIABLE}'"] = "number"
-        return kinds
+    def names(
+        self,
+        reader: ConcernName,
+        *,
+        primed: Collection[str] = (),
+        of_state: bool = True,
+        foreign: bool = True,
+    ) -> ExpressionNames:
+        """Return the names that expressions of a concern may use; see there for the arguments."""
+        return ExpressionNames(
+            reader,
+            self.parameters,
+            self.variables,
+            self.space.attributes,
+            self.modes,
+            frozenset(primed),
+            of_state,
+            foreign,
+        )
 
     def compile(
-        self, path: KeyPath, given: str | float | bool, kinds: Mapping[str, Kind], expected: Kind
+        self,
+        path: KeyPath,
+        given: str | float | bool,
+        names: ExpressionNames,
+        expected: Kind,
+        values: Mapping[str, Value] = NO_VALUES,
     ) -> Expression:
-        """Parse and check an expression of the file; numbers stay exact.
+        """Parse, resolve and check an expression of the file; numbers stay exact.
+
+        Args:
+            path: its place.
+            given: the expression.
+            names: that it may use.
+            expected: its type.
+            values: names of values that may stand for the whole.
 
         Raises:
             InputError: with its place.
         """
         with self.document.at(*path):
-            if isinstance(given, bool):
-                return Constant(given)
-            if not isinstance(given, str):
-                return Constant(exact(given))
-            expression = parse(given)
-            check(expression, kinds, expected)
+            if isinstance(given, str):
+                expression = names.resolve(parse(given), values)
+            else:
+                expression = Constant(given if isinstance(given, bool) else exact(given))
+            check(expression, names.kinds, expected)
             return expression
-
-    @cached_property
-    def named_values(self) -> dict[str, Value]:
-        """Name of a variable's value -> its number."""
-        return {
-            name: exact(variable.low + index)
-            for _, variable in self.variables.values()
-            for index, name in enumerate(variable.values)
-        }
-
-    @cached_property
-    def named_constants(self) -> dict[str, Value]:
-        """Name of a mode or of a variable's value -> its number."""
-        return {name: exact(index) for index, name in enumerate(self.modes)} | self.named_values
 
     def mode_mask(self, path: KeyPath, names: tuple[str, ...] | None) -> Bools | None:
         """bool [Q], the modes called so; None for None.
@@ -154,11 +148,6 @@ def frozen(array: Bools) -> Bools:
     """Return the array, read-only."""
     array.flags.writeable = False
     return array
-
-
-def expression_kinds(types: ParameterTypes) -> dict[str, Kind]:
-    """Return the types of the parameters that expressions can read."""
-    return {name: EXPRESSION_KINDS[kind] for name, kind in types.items() if kind in EXPRESSION_KINDS}
 
 
 def names_in(expressions: list[Expression]) -> set[str]:

@@ -9,8 +9,9 @@ from typing import Literal
 
 from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
 from merap.concerns.document import KeyPath
+from merap.concerns.expression_names import ExpressionNames
 from merap.concerns.parameters import Values, constants, held_locations, present_all
-from merap.concerns.resolution_context import ResolutionContext, expression_kinds, names_in
+from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.schema import CapabilitySpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
@@ -65,14 +66,18 @@ class CapabilityResolver:
     def __init__(self, context: ResolutionContext, spec: CapabilitySpec) -> None:
         self.context = context
         self.spec = spec
-        self.kinds = expression_kinds(spec.parameters)
         self.actions = tuple(self._action(name, entry) for name, entry in spec.actions.items())
         self.innate = self._innate(spec.innate) if spec.innate is not None else None
-        self.processes = ProcessResolver(context, "capability", spec.processes, self.kinds)
+        self.processes = ProcessResolver(context, "capability", spec.processes)
+
+    @property
+    def _own(self) -> ExpressionNames:
+        """The automaton is the system's alone: it reads parameters of the capability."""
+        return self.context.names("capability", of_state=False, foreign=False)
 
     def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
         path = ("capability", "actions", name)
-        states = {**self.kinds, **self.context.variable_kinds(reader="capability")}
+        states = self.context.names("capability")
         requires = self.context.compile((*path, "requires"), spec.requires, states, "bool")
         if spec.outcomes is not None:
             outcomes = self._listed_outcomes((*path, "outcomes"), spec.outcomes)
@@ -103,8 +108,9 @@ class CapabilityResolver:
         )
 
     def _probability(self, path: KeyPath, given: float | str) -> Expression:
-        kinds = {**self.kinds, **self.context.variable_kinds(primed=("attributes",), reader="capability")}
-        return self.context.compile(path, given, kinds, "number")
+        return self.context.compile(
+            path, given, self.context.names("capability", primed=("attributes",)), "number"
+        )
 
     def _move(self, path: KeyPath, label: str) -> int | None:
         if label == STAY:
@@ -123,7 +129,7 @@ class CapabilityResolver:
             for index, name in enumerate(spec.terminal or spec.modes)
         )
         return InnateTemplate(
-            requires=self.context.compile((*path, "requires"), spec.requires, self.kinds, "bool"),
+            requires=self.context.compile((*path, "requires"), spec.requires, self._own, "bool"),
             entry=0 if spec.entry is None else self._mode((*path, "entry"), spec.entry),
             initial=0 if spec.initial is None else self._mode((*path, "initial"), spec.initial),
             terminal=terminal,
@@ -142,7 +148,7 @@ class CapabilityResolver:
     def _row(self, path: KeyPath, row: Mapping[str, float | str]) -> dict[int, Expression]:
         return {
             self._mode((*path, mode), mode): self.context.compile(
-                (*path, mode), probability, self.kinds, "number"
+                (*path, mode), probability, self._own, "number"
             )
             for mode, probability in row.items()
         }
@@ -160,7 +166,7 @@ class CapabilityResolver:
         Raises:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
-        known = {**self.context.named_constants, **constants(self.spec.parameters, values)}
+        known = constants("capability", self.spec.parameters, values)
         external = [self._fold_action(template, name, known) for template in self.actions]
         return Capability(
             name=name,
@@ -239,7 +245,7 @@ class CapabilityResolver:
         return folded
 
     def names_read(self) -> set[str]:
-        """Return the names of the parameters that expressions read."""
+        """Return the resolved names of the parameters that expressions read."""
         found = [template.requires for template in self.actions]
         found += self.processes.expressions
         found += [outcome.probability for template in self.actions for outcome in template.outcomes]

@@ -10,9 +10,17 @@ from functools import cached_property
 import numpy as np
 
 from merap.concerns.combination import Environment
-from merap.concerns.parameters import Edge, ParameterValue, Values, constants, held_locations, present_all
+from merap.concerns.parameters import (
+    Edge,
+    ParameterValue,
+    Values,
+    constants,
+    held_locations,
+    parameter_name,
+    present_all,
+)
 from merap.concerns.reachability import leaves_goals_reachable
-from merap.concerns.resolution_context import ResolutionContext, expression_kinds, frozen
+from merap.concerns.resolution_context import ResolutionContext, frozen, names_in
 from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.resolve_space import apply_settings
 from merap.concerns.schema import EnvironmentSpec
@@ -37,8 +45,7 @@ class EnvironmentResolver(ShortRepr):
     @cached_property
     def processes(self) -> ProcessResolver:
         """Resolves its processes."""
-        kinds = expression_kinds(self.spec.parameters)
-        return ProcessResolver(self.context, "environment", self.spec.processes, kinds)
+        return ProcessResolver(self.context, "environment", self.spec.processes)
 
     def __post_init__(self) -> None:
         assert self.processes is not None  # what is wrong with them is found here
@@ -62,9 +69,7 @@ class EnvironmentResolver(ShortRepr):
             blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
             attributes=self._attributes(values),
-            processes=self.processes(
-                name, {**self.context.named_constants, **constants(self.spec.parameters, values)}
-            ),
+            processes=self.processes(name, constants("environment", self.spec.parameters, values)),
         )
 
     def _blocked_edges(self, values: Values) -> Bools:
@@ -81,7 +86,7 @@ class EnvironmentResolver(ShortRepr):
 
     def _attributes(self, values: Values) -> tuple[Attribute, ...]:
         """Shared by all configurations that agree on what the attributes read."""
-        key = tuple(values[name] for name in sorted(self.names_read()))
+        key = tuple(values[name] for name in sorted(self._settings_read()))
         if key not in self._known_attributes:
             self._known_attributes[key] = self._set_attributes(values)
         return self._known_attributes[key]
@@ -108,7 +113,12 @@ class EnvironmentResolver(ShortRepr):
         )
 
     def names_read(self) -> set[str]:
-        """Return the names of the parameters that the attributes read."""
+        """Return the resolved names of the parameters that attributes and processes read."""
+        own = {parameter_name("environment", name) for name in self._settings_read()}
+        return own | names_in(self.processes.expressions)
+
+    def _settings_read(self) -> set[str]:
+        """Return the parameters that the attributes read."""
         settings = [setting for entry in self.spec.attributes.values() for setting in entry]
         read = {setting.value for setting in settings if isinstance(setting.value, str)}
         places = [setting.at for setting in settings if not isinstance(setting.at, Box)]

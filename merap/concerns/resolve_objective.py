@@ -9,8 +9,9 @@ import numpy as np
 
 from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
-from merap.concerns.parameters import Values, constants, held_locations, present_all
-from merap.concerns.resolution_context import ResolutionContext, expression_kinds, names_in
+from merap.concerns.expression_names import ExpressionNames
+from merap.concerns.parameters import Values, constants, held_locations, parameter_name, present_all
+from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_processes import ProcessResolver
 from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
 from merap.concerns.schema_base import Box, LocationSet
@@ -18,7 +19,7 @@ from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Expression, Kind, Value, fold
+from merap.program.expressions import Expression, Value, fold
 from merap.program.names import check_name, suggestion
 
 
@@ -45,9 +46,8 @@ class ObjectiveResolver:
     def __init__(self, context: ResolutionContext, spec: ObjectiveSpec) -> None:
         self.context = context
         self.spec = spec
-        self.kinds = expression_kinds(spec.parameters)
-        states = {**self.kinds, **context.variable_kinds()}
-        steps = {**self.kinds, **context.variable_kinds(primed=("attributes", MODE_VARIABLE, "processes"))}
+        states = context.names("objective")
+        steps = context.names("objective", primed=("attributes", MODE_VARIABLE, "processes"))
         self.rules = tuple(
             (
                 self._template(("objective", "rewards", index), rule, steps),
@@ -58,17 +58,17 @@ class ObjectiveResolver:
         self.ends_after = self._optional("ends_after", spec.ends_after, states)
         self.ends_in = self._optional("ends_in", spec.ends_in, states)
         self.unsafe = self._optional("unsafe", spec.unsafe, states)
-        self.processes = ProcessResolver(context, "objective", spec.processes, self.kinds)
+        self.processes = ProcessResolver(context, "objective", spec.processes)
         for name in spec.properties:
             with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
 
     def _optional(
-        self, key: str, spec: PredicateSpec | None, kinds: Mapping[str, Kind]
+        self, key: str, spec: PredicateSpec | None, names: ExpressionNames
     ) -> ConditionTemplate | None:
-        return None if spec is None else self._template(("objective", key), spec, kinds)
+        return None if spec is None else self._template(("objective", key), spec, names)
 
-    def _template(self, path: KeyPath, spec: PredicateSpec, kinds: Mapping[str, Kind]) -> ConditionTemplate:
+    def _template(self, path: KeyPath, spec: PredicateSpec, names: ExpressionNames) -> ConditionTemplate:
         context = self.context
         to, to_mode = (spec.to, spec.to_mode) if isinstance(spec, RewardSpec) else (None, None)
         return ConditionTemplate(
@@ -80,7 +80,7 @@ class ObjectiveResolver:
             actions=self._actions((*path, "action"), spec.action) if isinstance(spec, EndSpec) else None,
             where=None
             if spec.where is None
-            else context.compile((*path, "where"), spec.where, kinds, "bool"),
+            else context.compile((*path, "where"), spec.where, names, "bool"),
         )
 
     def _actions(self, path: KeyPath, names: tuple[str, ...] | None) -> frozenset[str] | None:
@@ -111,7 +111,7 @@ class ObjectiveResolver:
         Raises:
             InputError: a location is unknown, or an expression undefined.
         """
-        known = {**self.context.named_constants, **constants(self.spec.parameters, values)}
+        known = constants("objective", self.spec.parameters, values)
         path, points = start or (("objective", "start"), self.spec.start)
         return DeclaredObjective(
             name=name,
@@ -184,11 +184,12 @@ class ObjectiveResolver:
         return [template for template, _ in self.rules] + [end for end in ends if end is not None]
 
     def names_read(self) -> set[str]:
-        """Return the names of the parameters that expressions, locations or the start read."""
+        """Return the resolved names of the parameters that expressions, locations or the start read."""
         found = [value for _, value in self.rules]
         found += self.processes.expressions
         found += [template.where for template in self.templates if template.where is not None]
         places = [refs for template in self.templates for refs in (template.at, template.to)]
         listed = [ref for refs in places if refs is not None and not isinstance(refs, Box) for ref in refs]
         listed += [point.at for point in self.spec.start]
-        return names_in(found) | {ref for ref in listed if isinstance(ref, str)}
+        held = {parameter_name("objective", ref) for ref in listed if isinstance(ref, str)}
+        return names_in(found) | held

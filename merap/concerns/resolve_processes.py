@@ -8,13 +8,14 @@ from functools import reduce
 from itertools import product
 
 from merap.concerns.document import KeyPath
+from merap.concerns.expression_names import ExpressionNames, numbered
 from merap.concerns.processes import Change, DeclaredProcess
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema_processes import ANY, Draw, ProcessSpec, VariableSpec
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import Constant, Expression, Kind, Operation, Value, check, fold
-from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer, whole
+from merap.program.expressions import Constant, Expression, Kind, Operation, Value, fold
+from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer
 from merap.program.names import suggestion
 
 ONE = Constant(Fraction(1))
@@ -43,7 +44,6 @@ class ProcessResolver:
         context: what the case has in common.
         concern: that owns them.
         specs: by name.
-        parameters: types of the parameters that expressions can read.
 
     Raises:
         InputError: an expression is wrong, or an action or variable unknown.
@@ -54,12 +54,11 @@ class ProcessResolver:
         context: ResolutionContext,
         concern: ConcernName,
         specs: Mapping[str, ProcessSpec],
-        parameters: Mapping[str, Kind],
     ) -> None:
         self._context, self._concern = context, concern
-        self._parameters = parameters
         primed = ("attributes", MODE_VARIABLE, "processes")
-        self._kinds = {**parameters, **context.variable_kinds(primed=primed, reader=concern)}
+        self._names = context.names(concern, primed=primed)
+        self._start_names = context.names(concern, of_state=False)
         self._templates = [self._template(name, spec) for name, spec in specs.items()]
 
     def _template(self, name: str, spec: ProcessSpec) -> DeclaredProcess:
@@ -68,8 +67,8 @@ class ProcessResolver:
         changes = []
         for index, change in enumerate(spec.changes):
             place = (*path, "changes", index)
-            where = self._context.compile((*place, "where"), change.where, self._kinds, "bool")
-            outcomes = self._outcomes((*place, "set"), change.set, own, self._kinds)
+            where = self._context.compile((*place, "where"), change.where, self._names, "bool")
+            outcomes = self._outcomes((*place, "set"), change.set, own, self._names)
             if self._concern == "objective" and len(outcomes) > 1:
                 raise self._context.document.error(
                     (*place, "set"), "a process of the objective watches: it can't draw, give one value"
@@ -94,62 +93,60 @@ class ProcessResolver:
         path: KeyPath,
         draws: tuple[Draw, ...],
         own: Mapping[str, StateVariable],
-        kinds: Mapping[str, Kind],
+        names: ExpressionNames,
     ) -> tuple[Update, ...]:
         chances = [
             None
             if draw.probability is None
-            else self._context.compile((*path, *draw.path, "probability"), draw.probability, kinds, "number")
+            else self._context.compile((*path, *draw.path, "probability"), draw.probability, names, "number")
             for draw in draws
         ]
         rest: Expression = ONE
         for chance in chances:
             rest = rest if chance is None else Operation("-", (rest, chance))
         return tuple(
-            Update(rest if chance is None else chance, self._values(path, draw, own, kinds))
+            Update(rest if chance is None else chance, self._values(path, draw, own, names))
             for chance, draw in zip(chances, draws, strict=True)
         )
 
     def _values(
-        self, path: KeyPath, draw: Draw, own: Mapping[str, StateVariable], kinds: Mapping[str, Kind]
+        self, path: KeyPath, draw: Draw, own: Mapping[str, StateVariable], names: ExpressionNames
     ) -> dict[str, Expression]:
         place = (*path, *draw.path, *([] if draw.key is None else [draw.key]))
         values = draw.values
         if not isinstance(values, Mapping):
             if len(own) > 1:
                 raise self._context.document.error(place, f"give values by name: {', '.join(own)}")
-            return {name: self._value(place, values, one, kinds) for name, one in own.items()}
+            return {name: self._value(place, values, one, names) for name, one in own.items()}
         found = {}
         for name, value in values.items():
             if name not in own:
                 raise self._context.document.error(
                     (*place, name), f"unknown variable {name!r} of the process{suggestion(name, own)}"
                 )
-            found[name] = self._value((*place, name), value, own[name], kinds)
+            found[name] = self._value((*place, name), value, own[name], names)
         return found
 
     def _value(
-        self, path: KeyPath, given: float | bool | str, variable: StateVariable, kinds: Mapping[str, Kind]
+        self, path: KeyPath, given: float | bool | str, variable: StateVariable, names: ExpressionNames
     ) -> Expression:
         expected: Kind = "bool" if variable.kind == "bool" else "number"
-        expression = self._context.compile(path, given, kinds, expected)
-        with self._context.document.at(*path):
-            check(expression, kinds, expected)
-        return expression
+        values = numbered(variable.values, variable.low)
+        return self._context.compile(path, given, names, expected, values)
 
     def _initial(
         self, path: KeyPath, spec: ProcessSpec, own: Mapping[str, StateVariable]
     ) -> tuple[InitialValues, ...]:
-        kinds = {**self._parameters, **dict.fromkeys(self._context.named_values, "number")}
+        names = self._start_names
         if spec.initial is not None:
-            outcomes = self._outcomes((*path, "initial"), spec.initial, own, kinds)  # type: ignore[arg-type]
+            outcomes = self._outcomes((*path, "initial"), spec.initial, own, names)
             return tuple(InitialValues(one.probability, one.assignments) for one in outcomes)
         separate = [
             self._outcomes(
                 (*path, "variables", name, "initial"),
                 one.initial or (),
                 {name: own[name]},
-                kinds,  # type: ignore[arg-type]
+                names,
             )
             for name, one in spec.variables.items()
         ]
@@ -181,7 +178,7 @@ class ProcessResolver:
 
         Args:
             name: of the configuration.
-            known: values of parameters, modes and named values.
+            known: values of parameters, by their resolved names.
 
         Raises:
             InputError: an expression is undefined, or an initial value or distribution not allowed.
@@ -191,27 +188,8 @@ class ProcessResolver:
     def _closed(self, template: DeclaredProcess, name: str, known: Mapping[str, Value]) -> DeclaredProcess:
         try:
             process = template.mapped(lambda expression: fold(expression, known))
-            _check_start(process)
+            process.check_start()
         except InputError as error:
             path = (self._concern, "processes", template.name)
             raise self._context.document.error(path, f"{error.message} ({self._concern} {name})") from error
         return process
-
-
-def _check_start(process: DeclaredProcess) -> None:
-    """Refuse initial values that are missing or out of range, and probabilities that do not sum to 1."""
-    total = Fraction(0)
-    for start in process.initial:
-        assert isinstance(start.probability, Constant)
-        total += Fraction(start.probability.value)
-        if not 0 <= start.probability.value <= 1:
-            raise InputError(f"an initial value has the probability {float(start.probability.value):g}")
-        for variable in process.variables:
-            if variable.name not in start.values:
-                raise InputError(f"an outcome of initial gives {variable.name} no value")
-            value = whole(start.values[variable.name], f"the initial value of {variable.name}")
-            if not variable.low <= value <= variable.high:
-                allowed = f"{variable.low}..{variable.high}"
-                raise InputError(f"the initial value of {variable.name} is {value}, allowed is {allowed}")
-    if total != 1:
-        raise InputError(f"the probabilities of initial sum to {float(total):g}, not 1")

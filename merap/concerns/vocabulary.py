@@ -93,11 +93,8 @@ def _check_variable(variable: StateVariable, known: dict[str, str]) -> None:
     if variable.name in known:
         raise InputError(f"duplicate name {variable.name!r}: it is {known[variable.name]} and a variable")
     known[variable.name] = "a variable"
-    for number, name in enumerate(variable.values, start=1):
+    for name in variable.values:
         check_name(name, "a value")
-        what = f"value {number} of a variable"
-        if known.setdefault(name, what) != what:
-            raise InputError(f"duplicate name {name!r}: it is {known[name]} and {what}, {variable.name}")
     if len(set(variable.values)) < len(variable.values):
         raise InputError(f"a value of {variable.name} stands twice")
 
@@ -139,13 +136,8 @@ def _check_parameters(
     taken = dict.fromkeys(mode_names(spec.capability), "a mode")
     taken |= {attribute.name: "an attribute" for attribute in space.attributes}
     taken |= {MODE_VARIABLE: "the current mode"}
-    for _, processes in _processes(spec):
-        for process_name, process in processes.items():
-            for variable in variables_of(process_name, process).values():
-                taken |= {
-                    variable.name: "a variable",
-                    **dict.fromkeys(variable.values, "a value of a variable"),
-                }
+    for process_name, process in getattr(spec, concern).processes.items():
+        taken |= dict.fromkeys(variables_of(process_name, process), "a variable")
     for name, kind in types.items():
         with document.at(concern, "parameters", name):
             check_name(name, "a parameter")

@@ -9,14 +9,13 @@ import numpy as np
 
 from merap.concerns.combination import Capability
 from merap.concerns.document import key_text
-from merap.concerns.resolution_context import ResolutionContext, names_in
-from merap.concerns.resolve_capability import NO_ENTRY
-from merap.concerns.resolve_environment import BLOCKED, BLOCKED_EDGES
+from merap.concerns.expression_names import CONCERNS
+from merap.concerns.parameters import parameter_name
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_objective import ConditionTemplate, ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
 from merap.concerns.supports import Support
-from merap.mdp.reserved_names import GOAL_LABEL
 
 # Capabilities of a large support that are looked at for what they lack.
 LOOKED_AT = 1000
@@ -24,19 +23,12 @@ LOOKED_AT = 1000
 
 def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
     """A sentence for every parameter that nothing reads."""
-    for concern, types, read in (
-        (
-            "environment",
-            spec.environment.parameters,
-            {BLOCKED, BLOCKED_EDGES}
-            | resolvers.environment.names_read()
-            | names_in(resolvers.environment.processes.expressions),
-        ),
-        ("capability", spec.capability.parameters, {NO_ENTRY} | resolvers.capability.names_read()),
-        ("objective", spec.objective.parameters, {GOAL_LABEL} | resolvers.objective.names_read()),
-    ):
-        for name in types:
-            if name not in read:
+    read = {"environment.blocked", "environment.blocked_edges", "capability.no_entry", "objective.goal"}
+    for resolver in (resolvers.environment, resolvers.capability, resolvers.objective):
+        read |= resolver.names_read()
+    for concern in CONCERNS:
+        for name in getattr(spec, concern).parameters:
+            if parameter_name(concern, name) not in read:
                 yield f"{concern}.parameters.{name}: nothing reads this parameter"
 
 

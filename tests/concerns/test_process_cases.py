@@ -104,9 +104,14 @@ def test_initial_values_may_be_drawn(tmp_path: Path) -> None:
             "requires",
             "unknown variable 'runing' at column 1; did you mean 'running'",
         ),
-        ("running > 1", "seen = once", "requires", "unknown variable 'seen'"),
+        (
+            "running > 1",
+            "seen = once",
+            "requires",
+            "environment and capability read nothing of the objective",
+        ),
         ("    servers:", "    load:", "load", "the environment has a process of that name"),
-        ("values: [never, once]", "values: [load, once]", "seen", "duplicate name 'load'"),
+        ("values: [never, once]", "values: [never, never]", "seen", "a value of seen stands twice"),
         (
             "parameters: {boot: probability}",
             "parameters: {running: probability}",

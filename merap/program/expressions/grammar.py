@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from lark import Lark
 
+# A name may say whose it is, as in `environment.up`; a label stands in quotes.
 # As in PRISM, operators of one level group to the left, `=>` too, and `!` binds less than `=`.
 GRAMMAR = r"""
 ?start: conditional
@@ -37,7 +38,7 @@ ADD: "+" | "-"
 TIMES: "*" | "/"
 AT.2: /at'?(?=\s*\()/
 FUNCTION.2: /(min|max|floor|ceil|pow|mod)(?=\s*\()/
-NAME: /[A-Za-z_][A-Za-z0-9_]*'?/
+NAME: /[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)?'?/
 LABEL: /"[A-Za-z_][A-Za-z0-9_]*"/
 NUMBER: /\d+(\.\d+)?([eE][+-]?\d{1,3})?/
 %ignore /[ \t\r\n]+/

@@ -1,0 +1,183 @@
+"""Resolve the names in expressions: whose parameter, variable, attribute or mode each of them is.
+
+A name is looked for in the concern that reads it, then in the space, then in the other concerns; two of
+these that share a name are told apart as `environment.up`. In a resolved expression a parameter is called
+`<concern>.<name>`, whoever reads it; variables and attributes keep their names, and the names of values and
+modes have become numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from merap.concerns.parameters import EXPRESSION_KINDS, ParameterTypes, parameter_name
+from merap.concerns.space import Attribute
+from merap.errors import InputError
+from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import (
+    Constant,
+    Expression,
+    Kind,
+    Operation,
+    Value,
+    Variable,
+    exact,
+    parts,
+    with_parts,
+)
+from merap.program.form import ConcernName, StateVariable
+from merap.program.names import suggestion
+
+CONCERNS: tuple[ConcernName, ...] = ("environment", "capability", "objective")
+_COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
+NO_VALUES: Mapping[str, Value] = {}
+
+
+def numbered(names: tuple[str, ...], low: int = 0) -> dict[str, Value]:
+    """Return name -> number, counted from `low`."""
+    return {name: exact(low + index) for index, name in enumerate(names)}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExpressionNames(ShortRepr):
+    """The names that expressions of one concern may use.
+
+    Attributes:
+        reader: the concern.
+        parameters: of each concern.
+        variables: those of processes by name, with the concern that owns them; environment and capability
+            read nothing of the objective.
+        attributes: of the locations.
+        modes: names of the modes.
+        primed: `attributes`, `mode` and `processes`, if they may be read of the successor too.
+        of_state: whether there is a state to read; else parameters alone.
+        foreign: whether parameters of other concerns may be read.
+    """
+
+    reader: ConcernName
+    parameters: Mapping[ConcernName, ParameterTypes]
+    variables: Mapping[str, tuple[ConcernName, StateVariable]]
+    attributes: tuple[Attribute, ...]
+    modes: tuple[str, ...]
+    primed: frozenset[str] = frozenset()
+    of_state: bool = True
+    foreign: bool = True
+
+    @cached_property
+    def kinds(self) -> Mapping[str, Kind]:
+        """The types of all names that may occur in a resolved expression."""
+        found: dict[str, Kind] = {}
+        for concern in self._readable:
+            for name, kind in self.parameters[concern].items():
+                if kind in EXPRESSION_KINDS:
+                    found[parameter_name(concern, name)] = EXPRESSION_KINDS[kind]
+        if not self.of_state:
+            return found
+        state: dict[str, tuple[str, Kind]] = {MODE_VARIABLE: (MODE_VARIABLE, "number")}
+        for one in self.attributes:
+            state[one.name] = "attributes", "bool" if one.kind == "bool" else "number"
+        for name, (owner, variable) in self.variables.items():
+            if owner in self._readable:
+                state[name] = "processes", "bool" if variable.kind == "bool" else "number"
+        for name, (group, of_type) in state.items():
+            found[name] = of_type
+            if group in self.primed:
+                found[f"{name}'"] = of_type
+        return found
+
+    @cached_property
+    def _readable(self) -> tuple[ConcernName, ...]:
+        """The concerns of which something may be read, the own one first."""
+        if not self.foreign:
+            return (self.reader,)
+        others = (one for one in CONCERNS if one != self.reader)
+        return (self.reader, *(one for one in others if self.reader == "objective" or one != "objective"))
+
+    def resolve(self, expression: Expression, values: Mapping[str, Value] = NO_VALUES) -> Expression:
+        """Return an expression with every name resolved.
+
+        Args:
+            expression: as parsed.
+            values: names of values that may stand for the whole: those of the variable that it is for.
+
+        Raises:
+            InputError: a name is unknown, ambiguous, or can't be read here.
+        """
+        match expression:
+            case Variable(name):
+                return Constant(values[name]) if name in values else self._resolved(expression, values)
+            case Operation("?:", (condition, taken, other)):
+                chosen = (self.resolve(side, values) for side in (taken, other))
+                return Operation("?:", (self.resolve(condition), *chosen))
+            case Operation(symbol, (left, right)) if symbol in _COMPARISONS:
+                sides = self.resolve(left, self._values(right)), self.resolve(right, self._values(left))
+                return Operation(symbol, sides)
+        return with_parts(expression, tuple(self.resolve(part) for part in parts(expression)))
+
+    def _values(self, compared: Expression) -> Mapping[str, Value]:
+        """Return the names of the values of what is compared."""
+        if not isinstance(compared, Variable):
+            return NO_VALUES
+        name = compared.name.removesuffix("'")
+        if name == MODE_VARIABLE:
+            return numbered(self.modes)
+        found = self._find(Variable(name, compared.column))
+        if found is not None and found in self.variables:
+            _, variable = self.variables[found]
+            return numbered(variable.values, variable.low)
+        return NO_VALUES
+
+    def _resolved(self, variable: Variable, values: Mapping[str, Value]) -> Expression:
+        name = variable.name.removesuffix("'")
+        found = self._find(Variable(name, variable.column))
+        if found is None and name == variable.name and self.of_state and name in self.modes:
+            return Constant(exact(self.modes.index(name)))
+        place = f"at column {variable.column}"
+        if found is None:
+            known = dict.fromkeys([*values, *(one.rpartition(".")[2] for one in self.kinds)])
+            raise InputError(f"unknown variable {variable.name!r} {place}{suggestion(variable.name, known)}")
+        resolved = found + variable.name[len(name) :]
+        if resolved not in self.kinds:
+            raise InputError(f"{variable.name!r} {place} can't be read here: {self._reason(found)}")
+        return Variable(resolved, variable.column)
+
+    def _reason(self, found: str) -> str:
+        """Return why a name that means something can't be read."""
+        for concern in CONCERNS:
+            for name, kind in self.parameters.get(concern, {}).items():
+                if found == parameter_name(concern, name) and kind not in EXPRESSION_KINDS:
+                    return f"the parameter is of type {kind}"
+        owner = found.partition(".")[0] if "." in found else self.variables.get(found, (self.reader,))[0]
+        if owner == "objective" != self.reader:
+            return "environment and capability read nothing of the objective"
+        if not self.foreign and owner != self.reader:
+            return f"it belongs to the {owner}"
+        return f"what {found} becomes is not known" if self.of_state else "parameters alone can be"
+
+    def _find(self, variable: Variable) -> str | None:
+        """Return the name that a name without prime is resolved to; None: it means nothing."""
+        concern, dot, own = variable.name.partition(".")
+        if dot:
+            return {str(one): found for one, found in self._owned(own).items()}.get(concern)
+        owners = self._owned(variable.name)
+        if self.reader in owners:
+            return owners[self.reader]
+        if variable.name == MODE_VARIABLE or any(one.name == variable.name for one in self.attributes):
+            return variable.name
+        visible = [one for one in owners if one in self._readable] or list(owners)
+        if len(visible) > 1:
+            both = " or ".join(f"{one}.{variable.name}" for one in visible)
+            raise InputError(f"{variable.name!r} at column {variable.column} is ambiguous: write {both}")
+        return owners[visible[0]] if visible else None
+
+    def _owned(self, name: str) -> dict[ConcernName, str]:
+        """Return which concerns have a parameter or variable called so, and its resolved name."""
+        found: dict[ConcernName, str] = {
+            one: parameter_name(one, name) for one in CONCERNS if name in self.parameters.get(one, {})
+        }
+        if name in self.variables:
+            found[self.variables[name][0]] = name
+        return found
