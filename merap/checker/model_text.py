@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from merap.checker.exchange import ModelText
 from merap.concerns.combination import Combination
-from merap.concerns.composition import compose
 from merap.prism.rendering import render
 from merap.program.exploration import initial_states
 from merap.program.states import Encoding
@@ -12,7 +11,7 @@ from merap.program.states import Encoding
 
 def model_text(combination: Combination) -> ModelText:
     """Render a combination."""
-    program = compose(combination)
+    program = combination.program
     encoding = Encoding(program.variables)
     codes, weights = initial_states(program, encoding)
     return ModelText(

@@ -23,6 +23,7 @@ from merap.errors import ModelError
 from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.program.form import Kind, StateVariable
 
 Scale = Literal["flag", "coordinate", "category"]
 
@@ -67,6 +68,12 @@ def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
         VariableKind(name, scale, 0, high) for name, high in zip(space.variable_names, highs, strict=True)
     )
     return (*places, VariableKind(MODE_VARIABLE, "category", 0, num_modes - 1))
+
+
+def variable_kind(variable: StateVariable) -> VariableKind:
+    """Return the kind of a program's variable: a flag, a coordinate, or named things."""
+    scales: dict[Kind, Scale] = {"bool": "flag", "int": "coordinate", "named": "category"}
+    return VariableKind(variable.name, scales[variable.kind], variable.low, variable.high)
 
 
 def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:

@@ -11,7 +11,7 @@ from merap.prism.program_text import render_program
 
 
 def render(combination: Combination) -> str:
-    """The PRISM model of a combination: modules `space`, `capability` and `objective`.
+    """The PRISM model of a combination: a module for each process, grouped by concern.
 
     The text depends on the combination alone: same input, same bytes.
 
@@ -19,7 +19,7 @@ def render(combination: Combination) -> str:
         InputError: it is no combination.
     """
     as_combination(combination)
-    return render_program(compose(combination), _header(combination.name, combination))
+    return render_program(combination.program, _header(combination.name, combination))
 
 
 def render_pair(combination: Combination, starts: Bools) -> str:
