@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property, reduce
-from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -31,7 +30,6 @@ from merap.program.initial_states import count_initial_states
 from merap.program.names import suggestion
 from merap.program.outcome_likelihood import likelihood, outcome_likelihood
 from merap.program.parameters import parameters
-from merap.program.steps import CommandChoice
 
 # Logarithms of factors [..]; no two have the same shape.
 Factors: TypeAlias = tuple[Floats, ...]
@@ -44,20 +42,17 @@ class Evidence:
     """The likelihood of observations under every hypothesis.
 
     States are int64 [V] in the order of the program's variables, as valuations of an MDP are; false and
-    true count as 0 and 1. Actions have the names that `tabular` gives them.
+    true count as 0 and 1.
 
     Args:
-        program: with open parameters.
+        program: with unique actions and open parameters.
         hypotheses: values of all its parameters.
-        ambiguous: actions whose choices of commands have a name each, as in `tabular`.
 
     Raises:
         InputError: a parameter has no value.
     """
 
-    def __init__(
-        self, program: Program, hypotheses: Hypotheses, ambiguous: Collection[str] = frozenset()
-    ) -> None:
+    def __init__(self, program: Program, hypotheses: Hypotheses) -> None:
         self.program, self.hypotheses = program, hypotheses
         truths = frozenset(one.name for one in program.variables if one.kind == "bool")
         self._at = PointEvaluator(hypotheses, truths)
@@ -67,13 +62,8 @@ class Evidence:
             for one in program.variables
             if any(True for _ in (*variables(one.least), *variables(one.greatest)))
         ]
-        self._parts = dict(_choices(program, ambiguous))
+        self._parts = {action: _parts(program, action) for action in program.actions}
         _require_values(program, hypotheses)
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """The names of all actions."""
-        return tuple(self._parts)
 
     def start(self, state: Ints) -> Factors:
         """Return the likelihood that an episode starts in a state.
@@ -167,15 +157,14 @@ class Evidence:
         """
         if structure not in self.program.rewards:
             raise InputError(_unknown(self.program, "reward structure", structure, self.program.rewards))
-        parts = self._parts_of(action)
-        taken = parts[0][1][0].action if parts else None
-        expected, defined = self._expected(structure, taken, self._known(state), self._known(target))
+        self._parts_of(action)
+        expected, defined = self._expected(structure, action, self._known(state), self._known(target))
         deviation = (reward - expected[..., np.newaxis]) / noises
         density = -0.5 * deviation**2 - np.log(noises)
         return np.where(defined[..., np.newaxis], density, -np.inf)
 
     def _expected(
-        self, structure: str, action: str | None, before: Mapping[str, int], after: Mapping[str, int]
+        self, structure: str, action: str, before: Mapping[str, int], after: Mapping[str, int]
     ) -> tuple[Floats, Bools]:
         rewards = self.program.rewards[structure]
         known = {**before, **{f"{name}'": value for name, value in after.items()}}
@@ -254,24 +243,12 @@ def _logs(factors: Iterable[Floats]) -> Factors:
         return tuple(np.log(product) for product in products.values())
 
 
-def _choices(program: Program, ambiguous: Collection[str]) -> Iterator[tuple[str, _Parts]]:
-    for action in program.actions:
-        parts = tuple(
-            (process, tuple(one for one in process.commands if one.action == action))
-            for process in program.processes
-            if action in process.actions
-        )
-        if action not in ambiguous:
-            yield action, parts
-            continue
-        for places in product(*(range(len(commands)) for _, commands in parts)):
-            chosen = zip(parts, places, strict=True)
-            name = CommandChoice(action, True, tuple(place + 1 for place in places)).name
-            yield name, tuple((process, (commands[place],)) for (process, commands), place in chosen)
-    for process in program.processes:
-        alone = (one for one in process.commands if one.action is None)
-        for place, command in enumerate(alone, start=1):
-            yield CommandChoice(process.name, False, (place,)).name, ((process, (command,)),)
+def _parts(program: Program, action: str) -> _Parts:
+    return tuple(
+        (process, tuple(one for one in process.commands if one.action == action))
+        for process in program.processes
+        if action in process.actions
+    )
 
 
 def _require_values(program: Program, hypotheses: Hypotheses) -> None:

@@ -34,11 +34,6 @@ class CommandChoice:
     labelled: bool
     positions: tuple[int, ...]
 
-    @property
-    def name(self) -> str:
-        """`action#i.j`, by the positions of the commands."""
-        return f"{self.action}#{'.'.join(map(str, self.positions))}"
-
 
 @dataclass(frozen=True, eq=False)
 class StepBranches:

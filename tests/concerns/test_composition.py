@@ -82,5 +82,7 @@ def test_a_reachable_state_without_action_is_refused() -> None:
     graph = graph_combination()
     only_back = with_capability(graph, external=graph.capability.external[2:3], innate=None)
     program = compose(replace(only_back, name="e.c.o"))
-    with pytest.raises(ModelError, match=r"^e.c.o: no command is enabled in state \(loc=S, mode=idle"):
+    with pytest.raises(
+        ModelError, match=r"^e.c.o: state \(loc=S, mode=idle, done=false\) can be reached and has no action$"
+    ):
         tabular(program, explore(program))

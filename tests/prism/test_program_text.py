@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 
 from merap.errors import InputError, ModelError
 from merap.prism.program_text import render_program
-from merap.program.arrays import ambiguous_actions, tabular
+from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.expressions import parse
 from merap.program.form import Program
@@ -62,4 +62,3 @@ def test_the_arrays_have_names_labels_and_rewards() -> None:
     assert mdp.action_names == ("toss", "rest")
     assert mdp.labels["goal"].tolist() == [False, False, False, True]
     assert mdp.choice_reward.tolist() == [1, 1, 1, 0]
-    assert ambiguous_actions(explore(ONE_COIN)) == frozenset()

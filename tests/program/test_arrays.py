@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from merap.program.arrays import ambiguous_actions, tabular
+from merap.errors import ModelError
+from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.form import Process, Program, integer
 from tests.support.programs import ONE_COIN, command, outcome, start
@@ -33,21 +36,17 @@ def test_the_model_is_the_same_however_far_codes_are_apart(size: int) -> None:
     assert mdp.branch_prob.tolist() == [0.5, 0.5, 1, 0.5, 0.5, 1, 1, 1]
 
 
-@pytest.mark.parametrize(("guard", "expected"), [("x > 3", set()), ("x > 2", {"go"}), ("x >= 0", {"go"})])
-def test_an_action_is_ambiguous_where_two_of_its_commands_are_enabled(guard: str, expected: set[str]) -> None:
-    commands = (
-        command("go", "x <= 3", [outcome("1", x="mod(x + 1, 5)")]),
-        command("go", guard, [outcome("1", x="0")]),
-        command(None, "true", [outcome("1")]),
-        command(None, "true", [outcome("1", x="0")]),
-    )
-    process = Process("p", "environment", (integer("x", 0, 4),), commands, start(x="0"))
-    assert ambiguous_actions(explore(Program("two", (process,)))) == expected
-
-
 def test_first_rewards_are_those_of_actions() -> None:
     mdp = tabular(ONE_COIN, explore(ONE_COIN), reward="steps")
     names = np.array(mdp.action_names)[mdp.choice_action]
     assert dict(zip(names.tolist(), mdp.choice_reward.tolist(), strict=True)) == {"toss": 1.0, "rest": 0.0}
     # 0.1 * 3 <= 0.3, which doubles get wrong
     assert mdp.labels["goal"].tolist() == [False, False, False, True]
+
+
+def test_two_commands_of_an_action_that_are_enabled_together_are_refused() -> None:
+    again = command("leap", "x = 2", [outcome("1", x="1")])
+    (process,) = leaps(1).processes
+    doubled = replace(leaps(1), processes=(replace(process, commands=(*process.commands, again)),))
+    with pytest.raises(ModelError, match=r"^leaps: two commands of leap are enabled in state \(x=2\)$"):
+        tabular(doubled, explore(doubled))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -37,14 +36,6 @@ class EnumeratedModel:
             successors.get(target, Fraction(0)) for name, successors in self.choices[state] if name == action
         ]
         return log(sum(found) / len(found)) if found else -math.inf
-
-    def unlabelled(self, state: State, target: State) -> Counter[float]:
-        """Of the steps without an action that are possible, how likely each leads there."""
-        return Counter(
-            round(log(successors[target]), 9)
-            for name, successors in self.choices[state]
-            if name is None and target in successors
-        )
 
     def label(self, name: str, state: State) -> bool | None:
         holds: bool | None = self._value(self.program.labels[name], self._scope(state, state))
