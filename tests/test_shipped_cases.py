@@ -12,12 +12,9 @@ import pytest
 from merap.cli.app import app
 from tests.support.command_line import command, merap
 from tests.support.paths import MODELS, ROOT
+from tests.support.shipped_cases import CASE_FILES
 
-CASES = sorted(
-    path.parent if path.name == "case.yaml" else path
-    for path in MODELS.rglob("*.yaml")
-    if path.read_text().lstrip("# \n").startswith(("case:",)) or "\ncase:" in path.read_text()
-)
+CASES = [path.parent if path.name == "case.yaml" else path for path in CASE_FILES]
 # Where only the machinery matters and not what is learned.
 SMALL = ("--updates", "2", "--set", "hidden=[4]", "--set", "episodes=5", "--set", "max_tasks=6")
 SCENARIO = "scenario: short\nsystem: met\nepisodes: 3\n"
