@@ -11,6 +11,7 @@ import numpy as np
 
 from merap.concerns.document import KeyPath
 from merap.concerns.generation import Choice, Product, draw, separators
+from merap.concerns.parameter_types import ParameterType
 from merap.concerns.parameters import (
     ParameterTypes,
     Values,
@@ -20,8 +21,9 @@ from merap.concerns.parameters import (
     parse_value,
 )
 from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec, ParameterType
+from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec
 from merap.concerns.schema_base import shown
+from merap.concerns.space import Space
 from merap.concerns.supports import Configurations, Generated, Named
 from merap.errors import InputError
 from merap.mdp.model import Bools, Ints
@@ -30,6 +32,9 @@ from merap.program.names import check_name, suggestion
 MAX_COUNT = 2**62
 MAX_ENUMERATED = 200_000
 MAX_DRAWN_PER_KEPT = 1000
+# Values of one parameter that are listed to range over all of them.
+MAX_LISTED = 1_000_000
+ALL = "all"
 BLOCK = 4096
 
 Filter: TypeAlias = Callable[[Sequence[Values]], Bools]
@@ -86,9 +91,9 @@ def read_values(
     """
     _check_parameters(context, path, types, raw)
     values = {}
-    for name, kind in types.items():
+    for name, of in types.items():
         with context.document.at(*path, name):
-            values[name] = parse_value(kind, raw[name], context.space)
+            values[name] = parse_value(of, raw[name], context.space)
     return values
 
 
@@ -159,11 +164,11 @@ def _product(
 ) -> Product:
     _check_parameters(context, path, types, spec.generate)
     pools = {}
-    for name, kind in types.items():
+    for name, of in types.items():
         choice = spec.generate[name]
-        _check_choice(context, (*path, name), kind, choice)
-        members = _members(context, (*path, name), kind, choice)
-        pools[name] = {member: _label(context, kind, member) for member in members}
+        _check_choice(context, (*path, name), of, choice)
+        members = _members(context, (*path, name), of, choice)
+        pools[name] = {member: _label(context, of, member) for member in members}
     labels = [label for pool in pools.values() for label in pool.values()]
     with context.document.at(*path):
         inner, outer = separators(labels)
@@ -172,7 +177,7 @@ def _product(
                 raise InputError(f"the values of {name!r} can't be told apart by name")
     product = Product(
         tuple(
-            Choice(name, types[name], tuple(pool), tuple(pool.values()), _sizes(spec.generate[name]), inner)
+            Choice(name, tuple(pool), tuple(pool.values()), _sizes(spec.generate[name]), inner)
             for name, pool in pools.items()
         ),
         outer,
@@ -190,31 +195,26 @@ def _sizes(choice: ChoiceSpec) -> range | None:
     return range(choice.choose if choice.distinct else 1, choice.choose + 1)
 
 
-def _check_choice(context: ResolutionContext, path: KeyPath, kind: ParameterType, choice: ChoiceSpec) -> None:
-    is_set = kind in ("locations", "edges")
-    if is_set and choice.choose is None:
-        raise context.document.error(path, f"key 'choose' is missing: how many {kind} to choose")
-    if not is_set and choice.choose is not None:
-        raise context.document.error(
-            (*path, "choose"), f"choose is for locations and edges, not for a {kind}"
-        )
+def _check_choice(context: ResolutionContext, path: KeyPath, of: ParameterType, choice: ChoiceSpec) -> None:
+    if of.is_set and choice.choose is None:
+        raise context.document.error(path, f"key 'choose' is missing: how many {of} to choose")
+    if not of.is_set and choice.choose is not None:
+        raise context.document.error((*path, "choose"), f"choose is for sets, as locations, not for {of}")
     if choice.choose is None and not choice.distinct:
         raise context.document.error((*path, "distinct"), "distinct goes with choose")
-    if choice.without and kind not in ("location", "locations"):
-        raise context.document.error((*path, "except"), f"except is for locations, not for {kind}")
 
 
 def _members(
-    context: ResolutionContext, path: KeyPath, kind: ParameterType, choice: ChoiceSpec
+    context: ResolutionContext, path: KeyPath, of: ParameterType, choice: ChoiceSpec
 ) -> tuple[Any, ...]:
     with context.document.at(*path, "from"):
-        members = _pool(context, kind, choice.source)
+        members = _pool(context, of, choice.source)
         for member, times in Counter(members).items():
             if times > 1:
-                raise InputError(f"{_label(context, kind, member)} stands twice")
+                raise InputError(f"{_label(context, of, member)} stands twice")
     with context.document.at(*path, "except"):
-        without = set(find_locations(choice.without, context.space))
-    members = tuple(member for member in members if not without or member not in without)
+        without = set(_pool(context, of, choice.without))
+    members = tuple(member for member in members if member not in without)
     if not members or (choice.choose or 0) > len(members):
         raise context.document.error(
             path, f"empty concern: {choice.choose or 1} can't be chosen from {len(members)} members"
@@ -222,14 +222,26 @@ def _members(
     return members
 
 
-def _pool(context: ResolutionContext, kind: ParameterType, source: Any) -> tuple[Any, ...]:
-    if kind in ("location", "locations"):
-        return find_locations(parse_location_set(source), context.space)
+def _pool(context: ResolutionContext, of: ParameterType, source: Any) -> tuple[Any, ...]:
+    """Return values, or members of sets, in the order in which the file lists them."""
+    space = context.space
+    everything = source == ALL and ALL not in space.location_index
+    if of.holds_locations:
+        if everything:
+            return tuple(range(space.num_locations))
+        return find_locations(parse_location_set(source), space)
+    if everything:
+        return tuple(_all_edges(space) if of.is_set else of.numbers(MAX_LISTED))
     if not isinstance(source, tuple):
-        raise InputError(f"expected a list of values, got {shown(source)}")
-    if kind == "edges":
+        raise InputError(f"expected a list of values, or all, got {shown(source)}")
+    if of.is_set:
         return tuple(_one_edge(context, entry) for entry in source)
-    return tuple(parse_value(kind, entry, context.space) for entry in source)
+    return tuple(of.parse(entry) for entry in source)
+
+
+def _all_edges(space: Space) -> list[tuple[int, int]]:
+    sources, labels = np.nonzero(space.target >= 0)
+    return list(zip(sources.tolist(), labels.tolist(), strict=True))
 
 
 def _one_edge(context: ResolutionContext, entry: Any) -> tuple[int, int]:
@@ -239,15 +251,17 @@ def _one_edge(context: ResolutionContext, entry: Any) -> tuple[int, int]:
     return edges[0]
 
 
-def _label(context: ResolutionContext, kind: ParameterType, member: Any) -> str:
+def _label(context: ResolutionContext, of: ParameterType, member: Any) -> str:
     """The part of a configuration's name that stands for a member."""
     space = context.space
-    if kind in ("location", "locations"):
+    if of.holds_locations:
         return str(space.locations[member])
-    if kind == "edges":
+    if of.is_set:
         source, label = member
         return f"{space.locations[source]}_{space.moves[label]}"
-    if kind == "bool":
-        return "true" if member else "false"
-    number = str(int(member)) if kind == "int" else repr(float(member))
-    return number.replace("-", "m").replace("+", "").replace(".", "p")
+    value = of.present(member)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return (
+        value if isinstance(value, str) else repr(value).replace("-", "m").replace("+", "").replace(".", "p")
+    )

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from merap.concerns.parameters import EXPRESSION_KINDS, ParameterTypes, parameter_name
+from merap.concerns.parameters import ParameterTypes, parameter_name
 from merap.concerns.space import Attribute
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
@@ -71,9 +71,9 @@ class ExpressionNames(ShortRepr):
         """The types of all names that may occur in a resolved expression."""
         found: dict[str, Kind] = {}
         for concern in self._readable:
-            for name, kind in self.parameters[concern].items():
-                if kind in EXPRESSION_KINDS:
-                    found[parameter_name(concern, name)] = EXPRESSION_KINDS[kind]
+            for name, of in self.parameters.get(concern, {}).items():
+                if of.kind is not None:
+                    found[parameter_name(concern, name)] = of.kind
         if not self.of_state:
             return found
         state: dict[str, tuple[str, Kind]] = {MODE_VARIABLE: (MODE_VARIABLE, "number")}
@@ -128,7 +128,8 @@ class ExpressionNames(ShortRepr):
         if found is not None and found in self.variables:
             _, variable = self.variables[found]
             return numbered(variable.values, variable.low)
-        return NO_VALUES
+        concern, _, own = (found or "").partition(".")
+        return numbered(self.parameters[concern][own].value_names) if own else NO_VALUES  # type: ignore[index]
 
     def _resolved(self, variable: Variable, values: Mapping[str, Value]) -> Expression:
         name = variable.name.removesuffix("'")
@@ -140,16 +141,16 @@ class ExpressionNames(ShortRepr):
             known = dict.fromkeys([*values, *(one.rpartition(".")[2] for one in self.kinds)])
             raise InputError(f"unknown variable {variable.name!r} {place}{suggestion(variable.name, known)}")
         resolved = found + variable.name[len(name) :]
-        if resolved not in self.kinds:
+        if self.kinds.get(resolved, "locations") == "locations":
             raise InputError(f"{variable.name!r} {place} can't be read here: {self._reason(found)}")
         return Variable(resolved, variable.column)
 
     def _reason(self, found: str) -> str:
         """Return why a name that means something can't be read."""
         for concern in CONCERNS:
-            for name, kind in self.parameters.get(concern, {}).items():
-                if found == parameter_name(concern, name) and kind not in EXPRESSION_KINDS:
-                    return f"the parameter is of type {kind}"
+            for name, of in self.parameters.get(concern, {}).items():
+                if found == parameter_name(concern, name) and of.kind in (None, "locations"):
+                    return f"it is of type {of}" + ("; it can stand in at(..)" if of.holds_locations else "")
         owner = found.partition(".")[0] if "." in found else self.variables.get(found, (self.reader,))[0]
         if owner == "objective" != self.reader:
             return "environment and capability read nothing of the objective"

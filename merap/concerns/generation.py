@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from merap.concerns.parameters import ParameterValue, Values
-from merap.concerns.schema import ParameterType
 from merap.errors import InputError
 from merap.mdp.model import Ints
 from merap.mdp.short_repr import ShortRepr
@@ -31,7 +30,6 @@ class Choice(ShortRepr):
 
     Attributes:
         parameter: its name.
-        kind: its type.
         members: canonical values of a scalar, or of the members of a set.
         labels: their names, distinct.
         sizes: how many members are chosen; None for a scalar.
@@ -39,7 +37,6 @@ class Choice(ShortRepr):
     """
 
     parameter: str
-    kind: ParameterType
     members: tuple[Any, ...]
     labels: tuple[str, ...]
     sizes: range | None

@@ -1,8 +1,8 @@
 """Bring values of parameters from the file's form to one canonical form and back.
 
 Canonical forms, by type: `location` an index; `locations` a tuple of rising indices; `edges`
-a tuple of rising (location, label) indices; `probability`, `int`, `real` a `Fraction`;
-`bool` a `bool`. Equal values have equal canonical forms.
+a tuple of rising (location, label) indices; `probability`, `int`, `real` a `Fraction`; of `values` a number
+itself, of names the position; `bool` a `bool`. Equal values have equal canonical forms.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any, TypeAlias
 
+import numpy as np
 from pydantic_core import PydanticCustomError
 
-from merap.concerns.schema import ParameterType
-from merap.concerns.schema_base import Box, LocationRef, LocationSet, is_number, is_whole, location_set, shown
+from merap.concerns.parameter_types import ParameterType
+from merap.concerns.schema_base import Box, LocationRef, LocationSet, location_set, shown
 from merap.concerns.space import Space
 from merap.errors import InputError
-from merap.program.expressions import Kind, exact
+from merap.program.expressions import Column, Table, Value
 from merap.program.form import ConcernName
 from merap.program.names import suggestion
 
@@ -26,34 +27,21 @@ ParameterValue: TypeAlias = bool | Fraction | int | tuple[int, ...] | tuple[Edge
 ParameterTypes: TypeAlias = Mapping[str, ParameterType]
 Values: TypeAlias = Mapping[str, ParameterValue]
 
-EXPRESSION_KINDS: Mapping[ParameterType, Kind] = {
-    "probability": "number",
-    "int": "number",
-    "real": "number",
-    "bool": "bool",
-}
 
-
-def parse_value(kind: ParameterType, raw: Any, space: Space) -> ParameterValue:
-    """Return the canonical form of a value of a parameter of type `kind`.
+def parse_value(of: ParameterType, raw: Any, space: Space) -> ParameterValue:
+    """Return the canonical form of a value of a parameter.
 
     Raises:
-        InputError: it has another type, or names a location or edge that is not there.
+        InputError: it is not in the domain, or names a location or edge that is not there.
     """
-    if kind in ("location", "locations"):
+    if of.holds_locations:
         indices = find_locations(parse_location_set(raw), space)
-        if kind == "locations":
+        if of.is_set:
             return tuple(sorted(set(indices)))
         if len(indices) != 1:
             raise InputError(f"expected one location, got {shown(raw)}")
         return indices[0]
-    if kind == "edges":
-        return _parse_edges(raw, space)
-    if kind == "bool":
-        if not isinstance(raw, bool):
-            raise InputError(f"expected true or false, got {shown(raw)}")
-        return raw
-    return _parse_number(kind, raw)
+    return _parse_edges(raw, space) if of.is_set else of.parse(raw)
 
 
 def parse_location_set(raw: Any) -> LocationSet:
@@ -136,25 +124,13 @@ def _edge_end(raw: Any, space: Space) -> int:
     return find_location(refs[0], space)
 
 
-def _parse_number(kind: ParameterType, raw: Any) -> Fraction:
-    if kind == "int":
-        if not is_whole(raw):
-            raise InputError(f"expected a whole number, got {shown(raw)}")
-        return Fraction(raw)
-    if not is_number(raw):
-        raise InputError(f"expected a number, got {shown(raw)}")
-    if kind == "probability" and not 0 <= raw <= 1:
-        raise InputError(f"expected a probability in [0, 1], got {shown(raw)}")
-    return exact(raw)
-
-
-def present(kind: ParameterType, value: Any, space: Space) -> Any:
+def present(of: ParameterType, value: Any, space: Space) -> Any:
     """Return the form that a file would give `value`: names, `[row, col]`, numbers."""
-    if kind == "location":
+    if of.name == "location":
         return _present_location(value, space)
-    if kind == "locations":
+    if of.name == "locations":
         return [_present_location(index, space) for index in value]
-    if kind == "edges":
+    if of.name == "edges":
         return [
             [
                 _present_location(source, space),
@@ -163,9 +139,7 @@ def present(kind: ParameterType, value: Any, space: Space) -> Any:
             ]
             for source, label in value
         ]
-    if isinstance(value, Fraction):
-        return int(value) if kind == "int" else float(value)
-    return value
+    return of.present(value)
 
 
 def _present_location(index: int, space: Space) -> str | list[int]:
@@ -176,15 +150,21 @@ def _present_location(index: int, space: Space) -> str | list[int]:
 
 def present_all(types: ParameterTypes, values: Values, space: Space) -> dict[str, Any]:
     """Return name -> value as a file would give it, in declared order."""
-    return {name: present(kind, values[name], space) for name, kind in types.items()}
+    return {name: present(of, values[name], space) for name, of in types.items()}
 
 
-def constants(concern: ConcernName, types: ParameterTypes, values: Values) -> dict[str, Fraction | bool]:
-    """Return the parameters that expressions can read, by their resolved names."""
-    readable: dict[str, Fraction | bool] = {}
-    for name, kind in types.items():
+def constants(
+    concern: ConcernName, types: ParameterTypes, values: Values, space: Space
+) -> dict[str, Value | Table]:
+    """Return what expressions read of the parameters, by resolved names; locations as a table bool [P]."""
+    readable: dict[str, Value | Table] = {}
+    for name, of in types.items():
         value = values[name]
-        if kind in EXPRESSION_KINDS and isinstance(value, bool | Fraction):
+        if of.holds_locations:
+            mask = np.zeros(space.num_locations, dtype=np.bool_)
+            mask[list(held_locations(values, name))] = True
+            readable[parameter_name(concern, name)] = Table("", Column.of(mask), meaning=name)
+        elif isinstance(value, bool | Fraction):
             readable[parameter_name(concern, name)] = value
     return readable
 

@@ -138,7 +138,7 @@ class ResolutionContext(ShortRepr):
         Raises:
             InputError: without place.
         """
-        if types[parameter] not in ("location", "locations"):
+        if not types[parameter].holds_locations:
             raise InputError(
                 f"the parameter {parameter!r} is of type {types[parameter]}, it holds no locations"
             )

@@ -18,7 +18,7 @@ from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, Outco
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Operation, Value, fold
+from merap.program.expressions import Constant, Constants, Expression, Operation, fold
 from merap.program.names import suggestion
 
 NO_ENTRY = "no_entry"
@@ -166,7 +166,7 @@ class CapabilityResolver:
         Raises:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
-        known = constants("capability", self.spec.parameters, values)
+        known = constants("capability", self.spec.parameters, values, self.context.space)
         external = [self._fold_action(template, name, known) for template in self.actions]
         return Capability(
             name=name,
@@ -177,21 +177,17 @@ class CapabilityResolver:
             processes=self.processes(name, known),
         )
 
-    def _fold(
-        self, path: KeyPath, name: str, expression: Expression, known: Mapping[str, Value]
-    ) -> Expression:
+    def _fold(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> Expression:
         try:
             return fold(expression, known)
         except InputError as error:
             raise self.context.document.error(path, f"{error.message} (capability {name})") from error
 
-    def _holds(self, path: KeyPath, name: str, expression: Expression, known: Mapping[str, Value]) -> bool:
+    def _holds(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> bool:
         folded = self._fold((*path, "requires"), name, expression, known)
         return isinstance(folded, Constant) and bool(folded.value)
 
-    def _fold_action(
-        self, template: ActionTemplate, name: str, known: Mapping[str, Value]
-    ) -> ExternalAction | None:
+    def _fold_action(self, template: ActionTemplate, name: str, known: Constants) -> ExternalAction | None:
         path = ("capability", "actions", template.name, "requires")
         requires = self._fold(path, name, template.requires, known)
         if requires == Constant(False):
@@ -204,7 +200,7 @@ class CapabilityResolver:
         likely = [outcome for outcome in outcomes[1:] if outcome.probability != Constant(Fraction(0))]
         return ExternalAction(template.name, (outcomes[0], *likely), template.on_blocked, requires)
 
-    def _fold_innate(self, name: str, known: Mapping[str, Value]) -> Innate | None:
+    def _fold_innate(self, name: str, known: Constants) -> Innate | None:
         template, spec = self.innate, self.spec.innate
         if template is None or spec is None:
             return None
@@ -222,7 +218,7 @@ class CapabilityResolver:
         )
 
     def _fold_row(
-        self, action: str, mode: int, row: Mapping[int, Expression], name: str, known: Mapping[str, Value]
+        self, action: str, mode: int, row: Mapping[int, Expression], name: str, known: Constants
     ) -> dict[int, Fraction]:
         path = ("capability", "innate", "actions", action, self.context.modes[mode])
         folded: dict[int, Fraction] = {}

@@ -69,7 +69,9 @@ class EnvironmentResolver(ShortRepr):
             blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
             attributes=self._attributes(values),
-            processes=self.processes(name, constants("environment", self.spec.parameters, values)),
+            processes=self.processes(
+                name, constants("environment", self.spec.parameters, values, self.context.space)
+            ),
         )
 
     def _blocked_edges(self, values: Values) -> Bools:

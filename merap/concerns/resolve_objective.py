@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Expression, Value, fold
+from merap.program.expressions import Constants, Expression, fold
 from merap.program.names import check_name, suggestion
 
 
@@ -111,7 +110,7 @@ class ObjectiveResolver:
         Raises:
             InputError: a location is unknown, or an expression undefined.
         """
-        known = constants("objective", self.spec.parameters, values)
+        known = constants("objective", self.spec.parameters, values, self.context.space)
         path, points = start or (("objective", "start"), self.spec.start)
         return DeclaredObjective(
             name=name,
@@ -146,7 +145,7 @@ class ObjectiveResolver:
         return start
 
     def _fold(
-        self, template: ConditionTemplate, name: str, expression: Expression, known: Mapping[str, Value]
+        self, template: ConditionTemplate, name: str, expression: Expression, known: Constants
     ) -> Expression:
         try:
             return fold(expression, known)
@@ -154,12 +153,12 @@ class ObjectiveResolver:
             raise self.context.document.error(template.path, f"{error.message} (objective {name})") from error
 
     def _condition_or_none(
-        self, template: ConditionTemplate | None, name: str, values: Values, known: Mapping[str, Value]
+        self, template: ConditionTemplate | None, name: str, values: Values, known: Constants
     ) -> Condition | None:
         return None if template is None else self._condition(template, name, values, known)
 
     def _condition(
-        self, template: ConditionTemplate, name: str, values: Values, known: Mapping[str, Value]
+        self, template: ConditionTemplate, name: str, values: Values, known: Constants
     ) -> Condition:
         where = template.where
         return Condition(

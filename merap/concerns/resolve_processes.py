@@ -14,7 +14,7 @@ from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema_processes import ANY, Draw, ProcessSpec, VariableSpec
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import Constant, Expression, Kind, Operation, Value, fold
+from merap.program.expressions import Constant, Constants, Expression, Kind, Operation, fold
 from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer
 from merap.program.names import suggestion
 
@@ -173,7 +173,7 @@ class ProcessResolver:
             template.mapped(note)
         return found
 
-    def __call__(self, name: str, known: Mapping[str, Value]) -> tuple[DeclaredProcess, ...]:
+    def __call__(self, name: str, known: Constants) -> tuple[DeclaredProcess, ...]:
         """Return the processes of a configuration.
 
         Args:
@@ -185,7 +185,7 @@ class ProcessResolver:
         """
         return tuple(self._closed(template, name, known) for template in self._templates)
 
-    def _closed(self, template: DeclaredProcess, name: str, known: Mapping[str, Value]) -> DeclaredProcess:
+    def _closed(self, template: DeclaredProcess, name: str, known: Constants) -> DeclaredProcess:
         try:
             process = template.mapped(lambda expression: fold(expression, known))
             process.check_start()

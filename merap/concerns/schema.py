@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
 
 from merap.concerns.combination import ResetMode
+from merap.concerns.parameter_types import Parameter
 from merap.concerns.schema_base import (
     LocationRef,
     Locations,
@@ -27,7 +28,6 @@ from merap.concerns.schema_capability import ActionSpec, InnateSpec
 from merap.concerns.schema_processes import ProcessSpec
 from merap.concerns.schema_space import SpaceSpec
 
-ParameterType = Literal["location", "locations", "edges", "probability", "int", "real", "bool"]
 MAX_HORIZON = 1_000_000
 
 
@@ -37,8 +37,10 @@ class ChoiceSpec(Spec):
     choose: int | None = Field(
         default=None, ge=1, le=1000, description="how many members, for locations and edges"
     )
-    source: Any = Field(alias="from", description="locations, a box of cells, or a list of values")
-    without: Locations = Field(alias="except", default=(), description="locations that are left out")
+    source: Any = Field(
+        alias="from", description="locations, a box of cells, a list of values, or `all` of the domain"
+    )
+    without: Any = Field(alias="except", default=(), description="values that are left out")
     distinct: bool = Field(
         default=True, description="false: members may coincide, so fewer than choose remain"
     )
@@ -90,7 +92,7 @@ Configurations = Annotated[
 class EnvironmentSpec(Spec):
     """The spatial environment: what may be different about the space."""
 
-    parameters: dict[Name, ParameterType] = Field(
+    parameters: dict[Name, Parameter] = Field(
         default={}, description="name: type; `blocked` (locations) and `blocked_edges` (edges) have a meaning"
     )
     attributes: dict[str, Settings] = Field(
@@ -106,7 +108,7 @@ class EnvironmentSpec(Spec):
 class CapabilitySpec(Spec):
     """The capability: the actions of the system."""
 
-    parameters: dict[Name, ParameterType] = Field(
+    parameters: dict[Name, Parameter] = Field(
         default={}, description="name: type; `no_entry` (locations): where this system can't go"
     )
     actions: dict[Name, ActionSpec] = Field(default={}, description="external actions, in order")
@@ -200,7 +202,7 @@ Start = Annotated[
 class ObjectiveSpec(Spec):
     """The objective: goal, rewards, and when the task is complete."""
 
-    parameters: dict[Name, ParameterType] = Field(
+    parameters: dict[Name, Parameter] = Field(
         default={}, description="name: type; `goal` (location or locations) is labelled `goal`"
     )
     start: Start = Field(description="a location, a parameter that holds one, or a distribution")

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from merap.concerns.document import Document, KeyPath
+from merap.concerns.parameter_types import TypeName
 from merap.concerns.parameters import ParameterTypes
 from merap.concerns.resolve_processes import variables_of
-from merap.concerns.schema import CapabilitySpec, CaseSpec, ParameterType
+from merap.concerns.schema import CapabilitySpec, CaseSpec
 from merap.concerns.schema_capability import restarts
 from merap.concerns.schema_processes import ProcessSpec
 from merap.concerns.space import Space
@@ -17,7 +18,7 @@ from merap.program.form import ConcernName, StateVariable
 from merap.program.names import check_emitted_name, check_name
 
 READY = "ready"
-_MEANINGS: Mapping[str, Mapping[str, tuple[ParameterType, ...]]] = {
+_MEANINGS: Mapping[str, Mapping[str, tuple[TypeName, ...]]] = {
     "environment": {"blocked": ("location", "locations"), "blocked_edges": ("edges",)},
     "capability": {"no_entry": ("location", "locations")},
     "objective": {GOAL_LABEL: ("location", "locations")},
@@ -138,14 +139,14 @@ def _check_parameters(
     taken |= {MODE_VARIABLE: "the current mode"}
     for process_name, process in getattr(spec, concern).processes.items():
         taken |= dict.fromkeys(variables_of(process_name, process), "a variable")
-    for name, kind in types.items():
+    for name, of in types.items():
         with document.at(concern, "parameters", name):
             check_name(name, "a parameter")
             if name in taken or name in space.location_index:
                 raise InputError(f"duplicate name {name!r}: it is {taken.get(name, 'a location')} already")
-            allowed = _MEANINGS[concern].get(name, (kind,))
-            if kind not in allowed:
-                raise InputError(f"the parameter {name!r} is of type {' or '.join(allowed)}, not {kind}")
+            allowed = _MEANINGS[concern].get(name, (of.name,))
+            if of.name not in allowed:
+                raise InputError(f"the parameter {name!r} is of type {' or '.join(allowed)}, not {of}")
 
 
 def _check_attributes(document: Document, spec: CaseSpec, space: Space) -> None:

@@ -45,7 +45,7 @@ def test_ranks_follow_itertools(total: int, size: int) -> None:
 
 def choice(count: int, sizes: range | None, parameter: str = "blocked") -> Choice:
     labels = tuple(f"r0c{index}" for index in range(count))
-    return Choice(parameter, "locations" if sizes else "location", tuple(range(count)), labels, sizes, "_")
+    return Choice(parameter, tuple(range(count)), labels, sizes, "_")
 
 
 @settings(deadline=None, max_examples=60)

@@ -130,7 +130,7 @@ GENERATED: list[Row] = [
     ("except: [[0, 0]]", "except: [[0, 9]]", "except", "generate.blocked.except", "unknown location [0, 9]: rows are 0 to 2"),
     ("choose: 2,", "choose: 9,", "choose", "generate.blocked", "empty concern: 9 can't be chosen from 5 members"),
     ("choose: 2, ", "", "from: {rows", "generate.blocked", "key 'choose' is missing"),
-    ("{goal: {from:", "{goal: {choose: 1, from:", "goal: {choose", "generate.goal.choose", "not for a location"),
+    ("{goal: {from:", "{goal: {choose: 1, from:", "goal: {choose", "generate.goal.choose", "not for location"),
     ("rows: [0, 1], cols", "rows: [1, 0], cols", "rows: [1", "generate.blocked.from", "expected [first, last] as whole numbers with first <= last, got [1, 0]"),
     ("[[2, 0], [2, 1]]", "[[2, 0], [2, 0]]", "no_entry: {choose", "generate.no_entry.from", "r2c0 stands twice"),
     ("[[2, 0], [2, 1]]", "[[2, 0], [0, 0]]", "no_entry: {choose", "capability.configurations", "the start location r0c0 can't be entered (capability no_entry_r0c0)"),
