@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.parameters import find_locations
+from merap.concerns.parameters import find_location, find_locations
 from merap.concerns.schema_base import LocationSet, Setting, is_number, shown
 from merap.concerns.schema_capability import STAY
-from merap.concerns.schema_space import AttributeSpec, GridSpec, SpaceSpec
-from merap.concerns.space import Attribute, Detector, Space
+from merap.concerns.schema_space import AttributeSpec, DoorSpec, GridSpec, SpaceSpec
+from merap.concerns.space import NO_SPACE, Attribute, Detector, Door, Space
 from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
@@ -23,28 +24,61 @@ _EXPRESSION_WORDS = frozenset(
     {MODE_VARIABLE, "true", "false", "min", "max", "floor", "ceil", "pow", "mod", "log"}
 )
 
+_DEFAULT_RANGES = {"bool": (0.0, 1.0), "int": (-np.inf, np.inf), "real": (-np.inf, np.inf)}
 
-def resolve_space(document: Document, spec: SpaceSpec) -> Space:
-    """Resolve the space, with every attribute at its default values.
+
+def resolve_space(document: Document, spec: SpaceSpec | None) -> Space:
+    """Resolve the space, with every attribute at its default values; without one there is one place.
 
     Raises:
-        InputError: a name is illegal, an edge leads nowhere or stands twice, a value is out of range.
+        InputError: a name is illegal, an edge leads nowhere or stands twice, a value is out of range, or
+            a door is between locations that no edge connects.
     """
+    if spec is None:
+        return NO_SPACE
     bare = _grid(document, spec.grid) if spec.grid is not None else _graph(document, spec)
     attributes = tuple(_attribute(document, bare, name, entry) for name, entry in spec.attributes.items())
-    detectors = tuple(
+    return replace(
+        bare,
+        attributes=attributes,
+        detectors=_detectors(document, spec, attributes),
+        doors=tuple(_door(document, bare, name, entry) for name, entry in spec.doors.items()),
+    )
+
+
+def _detectors(
+    document: Document, spec: SpaceSpec, attributes: tuple[Attribute, ...]
+) -> tuple[Detector, ...]:
+    ranges = {one.name: (one.low, one.high) for one in attributes}
+    for name, entry in spec.detectors.items():
+        with document.at("space", "detectors", name):
+            check_name(name, "a detector")
+        known = ["blocked", *spec.attributes]
+        if entry.of not in known:
+            raise document.error(
+                ("space", "detectors", name, "of"),
+                f"a detector can't see {entry.of!r}{suggestion(entry.of, known)}",
+            )
+        if not np.all(np.isfinite(ranges.get(entry.of, (0, 1)))):
+            raise document.error(
+                ("space", "attributes", entry.of),
+                f"key 'range' is missing: the detector {name} reads this attribute",
+            )
+    return tuple(
         Detector(name, entry.of, entry.range, entry.accuracy) for name, entry in spec.detectors.items()
     )
-    for detector in detectors:
-        with document.at("space", "detectors", detector.name):
-            check_name(detector.name, "a detector")
-        known = ["blocked", *spec.attributes]
-        if detector.of not in known:
-            raise document.error(
-                ("space", "detectors", detector.name, "of"),
-                f"a detector can't see {detector.of!r}{suggestion(detector.of, known)}",
-            )
-    return Space(bare.locations, bare.positions, bare.moves, bare.target, bare.shape, attributes, detectors)
+
+
+def _door(document: Document, space: Space, name: str, spec: DoorSpec) -> Door:
+    with document.at("space", "doors", name, "between"):
+        one, other = (find_location(ref, space) for ref in spec.between)
+        edges = np.zeros(space.target.shape, dtype=np.bool_)
+        edges[one] = space.target[one] == other
+        edges[other] |= space.target[other] == one
+        if not edges.any():
+            raise InputError(f"no edge connects {space.locations[one]} and {space.locations[other]}")
+    edges.flags.writeable = False
+    return Door(name, edges)
 
 
 def check_label(label: str) -> None:
@@ -126,7 +160,7 @@ def _attribute(document: Document, space: Space, name: str, spec: AttributeSpec)
         if name in _EXPRESSION_WORDS:
             raise InputError(f"illegal name {name!r} of an attribute: expressions use it")
     assert spec.type is not None
-    low, high = spec.range if spec.range is not None else (0.0, 1.0)
+    low, high = spec.range or _DEFAULT_RANGES[spec.type]
     default = False if spec.type == "bool" and spec.default is None else spec.default
     values = np.full(space.num_locations, np.nan)
     if default is not None:
@@ -196,5 +230,6 @@ def attribute_value(kind: str, low: float, high: float, value: Any) -> float:
         return float(value)
     if not is_number(value) or (kind == "int" and value != int(value)) or not low <= value <= high:
         what = "a whole number" if kind == "int" else "a number"
-        raise InputError(f"expected {what} from {low:g} to {high:g}, got {shown(value)}")
+        limits = f" from {low:g} to {high:g}" if np.isfinite(high) else ""
+        raise InputError(f"expected {what}{limits}, got {shown(value)}")
     return float(value)

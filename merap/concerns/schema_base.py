@@ -148,11 +148,11 @@ def _name_list(value: Any) -> Any:
 
 
 _CELL_SCHEMA = {"type": "array", "items": {"type": "integer"}, "minItems": 2, "maxItems": 2}
-_REF_SCHEMA = {"anyOf": [{"type": "string"}, _CELL_SCHEMA]}
+REF_SCHEMA = {"anyOf": [{"type": "string"}, _CELL_SCHEMA]}
 _SET_SCHEMA = {
     "anyOf": [
         {"type": "string", "description": "a location, or a parameter that holds locations"},
-        {"type": "array", "items": _REF_SCHEMA, "description": "several, or one as [row, col]"},
+        {"type": "array", "items": REF_SCHEMA, "description": "several, or one as [row, col]"},
         _CELL_SCHEMA,
         {
             "type": "object",

@@ -75,6 +75,7 @@ _OUTCOME = {
     "properties": {"value": _VALUES, "probability": {"type": ["number", "string"]}, "otherwise": _VALUES},
     "additionalProperties": False,
 }
+ALWAYS = (Draw(True, 1, (), None),)
 Draws = Annotated[
     tuple[Draw, ...],
     PlainValidator(_draws),

@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
-from merap.concerns.schema_base import Name, Settings, Spec, wrong
+from merap.concerns.schema_base import (
+    REF_SCHEMA,
+    LocationRef,
+    Name,
+    Settings,
+    Spec,
+    is_cell,
+    location_ref,
+    shown,
+    wrong,
+)
+from merap.concerns.schema_processes import ALWAYS, Draws, ProcessChangeSpec, ProcessSpec
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 MAX_SIDE = 1000
@@ -29,7 +40,7 @@ class AttributeSpec(Spec):
         default=None, description="left out: int if both ends of the range are whole, else real"
     )
     range: tuple[float, float] | None = Field(
-        default=None, description="[least, greatest] value allowed; not for bool"
+        default=None, description="[least, greatest] value allowed, left out: any; not for bool"
     )
     default: bool | float | None = Field(default=None, description="value where none is given; bool: false")
     values: Settings = Field(
@@ -51,7 +62,8 @@ class AttributeSpec(Spec):
             if self.range is not None:
                 raise wrong("an attribute of type bool has no range", ("range",))
         elif self.range is None:
-            raise wrong("key 'range' is missing: [least, greatest], or type: bool")
+            if self.type is None:
+                raise wrong("give range: [least, greatest], or type: bool, int or real")
         elif self.range[0] > self.range[1]:
             raise wrong(f"expected [least, greatest], got {list(self.range)}", ("range",))
         return self
@@ -63,6 +75,32 @@ class DetectorSpec(Spec):
     of: str = Field(description="`blocked`, or the name of an attribute")
     range: int = Field(default=1, ge=0, le=10_000, description="edges it looks ahead; 0: own location alone")
     accuracy: float = Field(default=1.0, ge=0, le=1, description="probability that one reading is right")
+
+
+def _between(value: Any) -> tuple[LocationRef, LocationRef]:
+    if not isinstance(value, tuple) or len(value) != 2 or is_cell(value):
+        raise wrong(f"expected the two locations that the door is between, got {shown(value)}")
+    return location_ref(value[0]), location_ref(value[1])
+
+
+Between = Annotated[
+    tuple[LocationRef, LocationRef],
+    PlainValidator(_between),
+    WithJsonSchema({"type": "array", "items": REF_SCHEMA, "minItems": 2, "maxItems": 2}),
+]
+
+
+class DoorSpec(Spec):
+    """A door: while it is closed no move leads through it, in either direction."""
+
+    between: Between = Field(description="two locations that an edge connects")
+    open: Draws = Field(default=ALWAYS, description="whether it is open at first")
+    changes: tuple[ProcessChangeSpec, ...] = Field(default=(), description="rules of change, in order")
+
+    @property
+    def process(self) -> ProcessSpec:
+        """The door as a process of one variable: whether it is open."""
+        return ProcessSpec.model_construct(type="bool", initial=self.open, changes=self.changes)
 
 
 class SpaceSpec(Spec):
@@ -82,6 +120,7 @@ class SpaceSpec(Spec):
         default={}, description="what expressions can read of a location"
     )
     detectors: dict[Name, DetectorSpec] = Field(default={}, description="what is seen online")
+    doors: dict[Name, DoorSpec] = Field(default={}, description="name: a door, a variable: true is open")
 
     @model_validator(mode="after")
     def _one_kind(self) -> SpaceSpec:

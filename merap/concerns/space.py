@@ -56,6 +56,19 @@ class Detector:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Door(ShortRepr):
+    """A door between two locations: a variable of the state that says whether it is open.
+
+    Attributes:
+        name: of the door and of its variable.
+        edges: bool [P, L], those that lead through it, in both directions.
+    """
+
+    name: str
+    edges: Bools
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Space(ShortRepr):
     """A location graph (P locations, L edge labels).
 
@@ -67,6 +80,9 @@ class Space(ShortRepr):
         shape: (rows, columns) of a grid, None for a graph.
         attributes: in declared order, with their default values.
         detectors: in declared order.
+        doors: in declared order.
+        located: whether the location is part of the state; a case without space has one place, of which
+            no state and no observation speaks.
     """
 
     locations: tuple[str, ...]
@@ -76,6 +92,8 @@ class Space(ShortRepr):
     shape: tuple[int, int] | None
     attributes: tuple[Attribute, ...]
     detectors: tuple[Detector, ...]
+    doors: tuple[Door, ...] = ()
+    located: bool = True
 
     @property
     def num_locations(self) -> int:
@@ -89,16 +107,32 @@ class Space(ShortRepr):
 
     @property
     def variable_names(self) -> tuple[str, ...]:
-        """The state variables that hold a location: `row, col` on a grid, else `loc`."""
+        """The state variables that hold a location: `row, col` on a grid, else `loc`; none without space."""
+        if not self.located:
+            return ()
         return ("loc",) if self.shape is None else ("row", "col")
 
     @property
     def valuations(self) -> Ints:
-        """int64 [P, 1 or 2], the values of `variable_names` at every location."""
+        """int64 [P, 0 to 2], the values of `variable_names` at every location."""
         indices = np.arange(self.num_locations)
+        if not self.located:
+            return indices[:, None][:, :0]
         if self.shape is None:
             return indices[:, None]
         return np.stack(np.divmod(indices, self.shape[1]), axis=1)
+
+
+NO_SPACE = Space(
+    locations=("here",),
+    positions=np.zeros((1, 2)),
+    moves=(),
+    target=np.zeros((1, 0), dtype=np.int64),
+    shape=None,
+    attributes=(),
+    detectors=(),
+    located=False,
+)
 
 
 def passable(space: Space, closed: Bools, closed_edges: Bools) -> Bools:

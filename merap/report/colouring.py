@@ -53,7 +53,8 @@ def colour_by(combination: DeclaredCombination, name: str | None) -> Colouring:
     if attribute is None:
         return Colouring(np.ones((size, 4)), np.zeros(size, dtype=np.bool_), (), None, "")
     levels = np.unique(attribute.values)
-    norm = Normalize(min(attribute.low, levels[0]), max(attribute.high, levels[-1]))
+    ends = [*levels[[0, -1]], *(end for end in (attribute.low, attribute.high) if np.isfinite(end))]
+    norm = Normalize(min(ends), max(ends))
     shape = "o" if combination.space.shape is None else "s"
     face = np.asarray(_COLOURS(norm(attribute.values)), dtype=np.float64)
     dotted = (attribute.values != 0) & (attribute.kind == "bool")

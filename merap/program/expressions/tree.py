@@ -13,8 +13,8 @@ from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions.columns import Column, Value
 
-# A parameter that holds locations is of kind `locations`; only `in` reads it.
-Kind: TypeAlias = Literal["bool", "number", "locations"]
+# Only `in` reads a set of locations, which a parameter holds.
+Kind: TypeAlias = Literal["bool", "number", "set of locations"]
 IN = "in"
 
 
