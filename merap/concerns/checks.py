@@ -10,8 +10,9 @@ import numpy as np
 
 from merap.concerns.combination import Capability, DeclaredCombination, Environment, ExternalAction
 from merap.concerns.document import KeyPath
+from merap.concerns.location_tables import location_scope
 from merap.concerns.resolution_context import ResolutionContext, names_in
-from merap.concerns.space import Attribute
+from merap.concerns.space import Attribute, Space
 from merap.concerns.supports import Configurations
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
@@ -96,12 +97,14 @@ def _steps(
         return
     here = np.repeat(np.arange(context.space.num_locations), len(modes))
     mode = np.tile(modes, context.space.num_locations)
-    yield _Steps(here, mode, _scope(attributes, here, here, mode))
+    yield _Steps(here, mode, _scope(context.space, attributes, here, here, mode))
     move = action.outcomes[0].move
     if move is not None and _reads_successor(action):
         exists = context.space.target[here, move] >= 0
         here, mode = here[exists], mode[exists]
-        yield _Steps(here, mode, _scope(attributes, here, context.space.target[here, move], mode))
+        yield _Steps(
+            here, mode, _scope(context.space, attributes, here, context.space.target[here, move], mode)
+        )
 
 
 def _reads_successor(action: ExternalAction) -> bool:
@@ -109,8 +112,8 @@ def _reads_successor(action: ExternalAction) -> bool:
     return any(name.endswith("'") for name in read)
 
 
-def _scope(attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints) -> Scope:
-    scope = {MODE_VARIABLE: Column.of(mode)}
+def _scope(space: Space, attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints) -> Scope:
+    scope = {MODE_VARIABLE: Column.of(mode), **location_scope(space, here, there)}
     for attribute in attributes:
         scope[attribute.name] = attribute.column[here]
         scope[f"{attribute.name}'"] = attribute.column[there]

@@ -12,8 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from merap.concerns.location_tables import HERE
+from merap.concerns.location_words import AT, LocationWords
 from merap.concerns.parameters import ParameterTypes, parameter_name
-from merap.concerns.space import Attribute
+from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
@@ -32,6 +34,8 @@ from merap.program.form import ConcernName, StateVariable
 from merap.program.names import suggestion
 
 CONCERNS: tuple[ConcernName, ...] = ("environment", "capability", "objective")
+# What may be read of the successor where the whole step is known.
+STEP = frozenset({"location", "attributes", MODE_VARIABLE, "processes"})
 _COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
 NO_VALUES: Mapping[str, Value] = {}
 
@@ -50,9 +54,9 @@ class ExpressionNames(ShortRepr):
         parameters: of each concern.
         variables: those of processes by name, with the concern that owns them; environment and capability
             read nothing of the objective.
-        attributes: of the locations.
+        space: the locations and their attributes.
         modes: names of the modes.
-        primed: `attributes`, `mode` and `processes`, if they may be read of the successor too.
+        primed: `location`, `attributes`, `mode` and `processes`, if they may be read of the successor too.
         of_state: whether there is a state to read; else parameters alone.
         foreign: whether parameters of other concerns may be read.
     """
@@ -60,7 +64,7 @@ class ExpressionNames(ShortRepr):
     reader: ConcernName
     parameters: Mapping[ConcernName, ParameterTypes]
     variables: Mapping[str, tuple[ConcernName, StateVariable]]
-    attributes: tuple[Attribute, ...]
+    space: Space
     modes: tuple[str, ...]
     primed: frozenset[str] = frozenset()
     of_state: bool = True
@@ -76,8 +80,9 @@ class ExpressionNames(ShortRepr):
                     found[parameter_name(concern, name)] = of.kind
         if not self.of_state:
             return found
-        state: dict[str, tuple[str, Kind]] = {MODE_VARIABLE: (MODE_VARIABLE, "number")}
-        for one in self.attributes:
+        found |= self._words.kinds
+        state: dict[str, tuple[str, Kind]] = {MODE_VARIABLE: (MODE_VARIABLE, "number")} if self.modes else {}
+        for one in self.space.attributes:
             state[one.name] = "attributes", "bool" if one.kind == "bool" else "number"
         for name, (owner, variable) in self.variables.items():
             if owner in self._readable:
@@ -87,6 +92,10 @@ class ExpressionNames(ShortRepr):
             if group in self.primed:
                 found[f"{name}'"] = of_type
         return found
+
+    @cached_property
+    def _words(self) -> LocationWords:
+        return LocationWords(self.space, self.of_state, "location" in self.primed)
 
     @cached_property
     def _readable(self) -> tuple[ConcernName, ...]:
@@ -107,6 +116,8 @@ class ExpressionNames(ShortRepr):
             InputError: a name is unknown, ambiguous, or can't be read here.
         """
         match expression:
+            case Operation(symbol, _) if symbol.startswith(AT):
+                return self._words.membership(expression, self._held)
             case Variable(name):
                 return Constant(values[name]) if name in values else self._resolved(expression, values)
             case Operation("?:", (condition, taken, other)):
@@ -116,6 +127,12 @@ class ExpressionNames(ShortRepr):
                 sides = self.resolve(left, self._values(right)), self.resolve(right, self._values(left))
                 return Operation(symbol, sides)
         return with_parts(expression, tuple(self.resolve(part) for part in parts(expression)))
+
+    def _held(self, place: Variable) -> Variable | None:
+        """Return the parameter of locations that has a name."""
+        found = self._find(place)
+        holds = found is not None and self.kinds.get(found) == "locations"
+        return Variable(found, place.column) if holds and found is not None else None
 
     def _values(self, compared: Expression) -> Mapping[str, Value]:
         """Return the names of the values of what is compared."""
@@ -137,8 +154,12 @@ class ExpressionNames(ShortRepr):
         if found is None and name == variable.name and self.of_state and name in self.modes:
             return Constant(exact(self.modes.index(name)))
         place = f"at column {variable.column}"
+        word = self._words.meaning(variable) if found is None else None
+        if word is not None:
+            return word
         if found is None:
-            known = dict.fromkeys([*values, *(one.rpartition(".")[2] for one in self.kinds)])
+            names = [one.rpartition(".")[2] for one in self.kinds if HERE not in one]
+            known = dict.fromkeys([*values, *names])
             raise InputError(f"unknown variable {variable.name!r} {place}{suggestion(variable.name, known)}")
         resolved = found + variable.name[len(name) :]
         if self.kinds.get(resolved, "locations") == "locations":
@@ -166,7 +187,8 @@ class ExpressionNames(ShortRepr):
         owners = self._owned(variable.name)
         if self.reader in owners:
             return owners[self.reader]
-        if variable.name == MODE_VARIABLE or any(one.name == variable.name for one in self.attributes):
+        attributes = {one.name for one in self.space.attributes}
+        if variable.name in attributes or (variable.name == MODE_VARIABLE and self.modes):
             return variable.name
         visible = [one for one in owners if one in self._readable] or list(owners)
         if len(visible) > 1:

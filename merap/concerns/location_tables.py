@@ -1,6 +1,9 @@
 """Read what a combination has at its locations, as expressions over the location variables.
 
-Axes: P locations, Q modes.
+In a resolved expression the number of the location is called `@`, its row and column `@row` and `@col`;
+with a prime they are those of the successor. No name of a user has an @.
+
+Axes: P locations, Q modes, B steps.
 """
 
 from __future__ import annotations
@@ -13,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from merap.concerns.conditions import all_of
-from merap.concerns.processes import DeclaredProcess
+from merap.concerns.processes import NOUGHT, DeclaredProcess, moved
+from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import (
@@ -24,13 +28,19 @@ from merap.program.expressions import (
     Operation,
     Table,
     Variable,
+    parts,
     substitute,
+    with_parts,
 )
 from merap.program.form import TRUE
 
 if TYPE_CHECKING:
     from merap.concerns.combination import Condition, DeclaredCombination
 
+HERE, ROW, COL = "@", "@row", "@col"
+THERE = f"{HERE}'"
+# The step changes the location.
+MOVES = Operation("!=", (Variable(THERE, 0), Variable(HERE, 0)))
 # Coordinates move by one of so many distances, or else each move has its target.
 MAX_SHIFTS = 8
 
@@ -45,16 +55,20 @@ class LocationTables:
         self._tables: dict[tuple[str, bytes], Table] = {}
         self._successors: dict[int, dict[str, Expression]] = {}
         self._here, self._there = self._index(""), self._index("'")
-        here: dict[str, Expression] = {}
+        here: dict[str, Expression] = {HERE: self._here, THERE: self._there}
+        if self._space.shape is not None:
+            here |= {name: Variable(name.removeprefix(HERE), 0) for name in (ROW, COL, f"{ROW}'", f"{COL}'")}
         for attribute in combination.environment.attributes:
             table = Table(attribute.name, attribute.column)
             here |= {
                 attribute.name: Lookup(table, self._here),
                 f"{attribute.name}'": Lookup(table, self._there),
             }
-        self._attributes = here
+        self._meanings = here
 
     def _index(self, prime: str) -> Expression:
+        if not self._space.located:
+            return NOUGHT
         names = [Variable(f"{name}{prime}", 0) for name in self._space.variable_names]
         if self._space.shape is None:
             return names[0]
@@ -63,7 +77,11 @@ class LocationTables:
 
     def read(self, expression: Expression) -> Expression:
         """Return an expression over attributes as one over the location; primed: that of the successor."""
-        return substitute(expression, self._attributes)
+        if expression == MOVES:
+            return moved(self._space.variable_names)
+        if isinstance(expression, Variable):
+            return self._meanings.get(expression.name, expression)
+        return with_parts(expression, tuple(map(self.read, parts(expression))))
 
     def read_process(self, process: DeclaredProcess) -> DeclaredProcess:
         """Return a process whose changes read attributes as one that reads the location."""
@@ -71,10 +89,9 @@ class LocationTables:
 
     def intended(self, expression: Expression, move: int | None) -> Expression:
         """Return a probability over attributes here and, primed, where a move leads; the mode stays."""
-        known: dict[str, Expression] = {f"{MODE_VARIABLE}'": Variable(MODE_VARIABLE, 0)}
+        known: dict[str, Expression] = {**self._meanings, f"{MODE_VARIABLE}'": Variable(MODE_VARIABLE, 0)}
         for attribute in self._combination.environment.attributes:
-            known[attribute.name] = self._attributes[attribute.name]
-            known[f"{attribute.name}'"] = self._attributes[attribute.name]
+            known[f"{attribute.name}'"] = self._meanings[attribute.name]
             if move is not None:
                 name = f"{attribute.name}_{self._space.moves[move]}"
                 column = attribute.column[self._targets(move)]
@@ -163,3 +180,20 @@ def mode_in(modes: Bools, name: str = MODE_VARIABLE) -> Expression:
         return TRUE
     terms = [is_mode(mode, name) for mode in np.flatnonzero(modes).tolist()]
     return reduce(lambda left, right: Operation("|", (left, right)), terms) if terms else Constant(False)
+
+
+def location_scope(space: Space, here: Ints, there: Ints) -> dict[str, Column]:
+    """Return the columns that resolved expressions read in B steps.
+
+    Args:
+        space: the locations.
+        here: int64 [B].
+        there: int64 [B], the successors' locations.
+    """
+    columns: dict[str, Column] = {}
+    for prime, places in (("", here), ("'", there)):
+        columns[f"{HERE}{prime}"] = Column.of(places)
+        if space.shape is not None:
+            row, column = np.divmod(places, space.shape[1])
+            columns |= {f"{ROW}{prime}": Column.of(row), f"{COL}{prime}": Column.of(column)}
+    return columns

@@ -163,7 +163,7 @@ def constants(
         if of.holds_locations:
             mask = np.zeros(space.num_locations, dtype=np.bool_)
             mask[list(held_locations(values, name))] = True
-            readable[parameter_name(concern, name)] = Table("", Column.of(mask), meaning=name)
+            readable[parameter_name(concern, name)] = Table("", Column.of(mask), meaning=f"at({name})")
         elif isinstance(value, bool | Fraction):
             readable[parameter_name(concern, name)] = value
     return readable

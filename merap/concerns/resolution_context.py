@@ -59,7 +59,7 @@ class ResolutionContext(ShortRepr):
             reader,
             self.parameters,
             self.variables,
-            self.space.attributes,
+            self.space,
             self.modes,
             frozenset(primed),
             of_state,

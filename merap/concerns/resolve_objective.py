@@ -8,7 +8,7 @@ import numpy as np
 
 from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
-from merap.concerns.expression_names import ExpressionNames
+from merap.concerns.expression_names import STEP, ExpressionNames
 from merap.concerns.parameters import Values, constants, held_locations, parameter_name, present_all
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_processes import ProcessResolver
@@ -16,7 +16,7 @@ from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardS
 from merap.concerns.schema_base import Box, LocationSet
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
-from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
+from merap.mdp.reserved_names import GOAL_LABEL
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Constants, Expression, fold
 from merap.program.names import check_name, suggestion
@@ -46,7 +46,7 @@ class ObjectiveResolver:
         self.context = context
         self.spec = spec
         states = context.names("objective")
-        steps = context.names("objective", primed=("attributes", MODE_VARIABLE, "processes"))
+        steps = context.names("objective", primed=STEP)
         self.rules = tuple(
             (
                 self._template(("objective", "rewards", index), rule, steps),

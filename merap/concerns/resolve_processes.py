@@ -8,12 +8,11 @@ from functools import reduce
 from itertools import product
 
 from merap.concerns.document import KeyPath
-from merap.concerns.expression_names import ExpressionNames, numbered
+from merap.concerns.expression_names import STEP, ExpressionNames, numbered
 from merap.concerns.processes import Change, DeclaredProcess
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema_processes import ANY, Draw, ProcessSpec, VariableSpec
 from merap.errors import InputError
-from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import Constant, Constants, Expression, Kind, Operation, fold
 from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer
 from merap.program.names import suggestion
@@ -56,8 +55,7 @@ class ProcessResolver:
         specs: Mapping[str, ProcessSpec],
     ) -> None:
         self._context, self._concern = context, concern
-        primed = ("attributes", MODE_VARIABLE, "processes")
-        self._names = context.names(concern, primed=primed)
+        self._names = context.names(concern, primed=STEP)
         self._start_names = context.names(concern, of_state=False)
         self._templates = [self._template(name, spec) for name, spec in specs.items()]
 

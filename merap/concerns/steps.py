@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Condition, DeclaredCombination
+from merap.concerns.location_tables import location_scope
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
@@ -97,7 +98,11 @@ def scope_of(
         there: int64 [B], the successor's location.
         mode_there: int64 [B], the successor's mode.
     """
-    scope = {MODE_VARIABLE: Column.of(mode), f"{MODE_VARIABLE}'": Column.of(mode_there)}
+    scope = {
+        MODE_VARIABLE: Column.of(mode),
+        f"{MODE_VARIABLE}'": Column.of(mode_there),
+        **location_scope(combination.space, here, there),
+    }
     for attribute in combination.environment.attributes:
         scope[attribute.name] = attribute.column[here]
         scope[f"{attribute.name}'"] = attribute.column[there]

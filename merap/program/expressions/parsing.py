@@ -157,7 +157,7 @@ def _unknown(variable: Variable, known: Iterable[str]) -> str:
 def _kind_of_operation(expression: Operation, symbol: str, found: list[Kind]) -> Kind:
     if symbol == IN:
         _require(expression, found[:1], "number")
-        _require(expression, found[1:], "set of locations")
+        _require(expression, found[1:], "locations")
         return "bool"
     if symbol == "?:":
         _require(expression, found[:1], "bool")

@@ -14,7 +14,7 @@ from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions.columns import Column, Value
 
 # Only `in` reads a set of locations, which a parameter holds.
-Kind: TypeAlias = Literal["bool", "number", "set of locations"]
+Kind: TypeAlias = Literal["bool", "number", "locations"]
 IN = "in"
 
 

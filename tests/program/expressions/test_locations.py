@@ -54,7 +54,7 @@ def test_what_is_no_location_is_a_syntax_error(text: str) -> None:
 
 def test_a_set_is_put_in_as_the_table_of_its_members() -> None:
     inside = Operation("in", (Variable("x", 1), Variable("some", 1)))
-    kinds: dict[str, Kind] = {"x": "number", "some": "set of locations"}
+    kinds: dict[str, Kind] = {"x": "number", "some": "locations"}
     check(inside, kinds, "bool")
     members = Table("", Column.of(np.array([True, False, True])))
     assert fold(inside, {}) == inside
@@ -70,4 +70,4 @@ def test_a_set_is_put_in_as_the_table_of_its_members() -> None:
 @pytest.mark.parametrize("wrong", ["some + 1", "some", "some = 2", "some & true"])
 def test_a_set_is_no_number(wrong: str) -> None:
     with pytest.raises(InputError):
-        check(parse(wrong), {"some": "set of locations"}, "number")
+        check(parse(wrong), {"some": "locations"}, "number")
