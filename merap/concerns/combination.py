@@ -1,7 +1,7 @@
 """One configuration of each concern: what is rendered, built, learned from and met.
 
-`Combination` is what all of them share: a program, a horizon, names. `DeclaredCombination` is one of a case
-file; its parts are resolved and validated where they are made, and composed into the program.
+All of them share what `Combination` has. The parts of a `DeclaredCombination`, of a case file, are resolved
+and validated where they are made.
 
 Axes: P locations, L edge labels, Q modes.
 """

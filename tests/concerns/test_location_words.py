@@ -138,7 +138,7 @@ def test_a_declared_name_wins(tmp_path: Path) -> None:
         (graph("{where: at(bonus), value: 1}"), "unknown location 'bonus'"),
         (graph('{where: "at([0, 1])", value: 1}'), r"unknown location \[0, 1\]: .* belongs to a grid"),
         (graph("{value: row}"), "value: 'row' at column 1: rows and columns belong to a grid"),
-        (graph("{value: goal}"), r"'goal' at column 1 can't be read here: it is of type locations; it can stand in at"),
+        (graph("{value: goal}"), r"'goal' at column 1 can't be read here: it is of type locations"),
         (graph("{value: goal + 1}"), "'goal' at column 1 can't be read here"),
         (graph("{value: at(A)}"), r"'at\(A\)' is a bool, expected a number"),
         (
