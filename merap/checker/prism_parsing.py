@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import stormpy
 from stormpy.developer.storage._storage import ExpressionParser
 
+from merap.checker.prism_model import ConstantType, PrismModel
 from merap.errors import InputError
 from merap.program.expressions import Constant, Expression, Operation, Variable, fold
 from merap.program.form import (
@@ -29,6 +30,7 @@ from merap.program.form import (
 
 GLOBALS = "globals"
 _ONE = Constant(Fraction(1))
+_TYPES: Mapping[str, ConstantType] = {"int": "int", "bool": "bool", "rational": "double"}
 _OPERATORS = {
     "AND": "&",
     "OR": "|",
@@ -56,8 +58,12 @@ _OPERATORS = {
 }
 
 
-def parse_program(path: Path) -> Program:
+def parse_model(path: Path, name: str) -> PrismModel:
     """Parse a PRISM file.
+
+    Args:
+        path: of the file.
+        name: of the program.
 
     Raises:
         RuntimeError: from Storm.
@@ -72,12 +78,20 @@ def parse_program(path: Path) -> Program:
     if shared:
         of_globals = (parsed.global_integer_variables, parsed.global_boolean_variables)
         processes.append(_variables_only(GLOBALS, *of_globals, starts=not has_predicate))
-    return Program(
-        name=path.stem,
+    program = Program(
+        name=name,
         processes=tuple(processes),
         labels={label.name: _tree(label.expression) for label in parsed.labels},
         rewards=dict(_rewards(parsed)),
         initial_predicate=_tree(parsed.initial_states_expression) if has_predicate else None,
+    )
+    return PrismModel(
+        program,
+        {one.name: _TYPES[str(one.type)] for one in parsed.constants if not one.defined},
+        {
+            **{one.name: _tree(one.definition) for one in parsed.constants if one.defined},
+            **dict(_formulas(parsed)),
+        },
     )
 
 
@@ -172,10 +186,21 @@ def _require_unshared(processes: list[Process], shared: set[str]) -> None:
                 )
 
 
-def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
-    """Read the rewards, which are in Storm's normalised text only."""
+def _parser(parsed: Any) -> Any:
+    """Return a parser for what is in Storm's normalised text only."""
     parser = ExpressionParser(parsed.expression_manager)
     parser.set_identifier_mapping({one.name: one.get_expression() for one in parsed.variables})
+    return parser
+
+
+def _formulas(parsed: Any) -> Iterator[tuple[str, Expression]]:
+    parser = _parser(parsed)
+    for found in re.finditer(r"^formula (\w+) = (.*);$", str(parsed), re.MULTILINE):
+        yield found[1], _tree(parser.parse_from_string(found[2]))
+
+
+def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
+    parser = _parser(parsed)
     for block in re.finditer(
         r'^rewards(?: "([^"]*)")?\n(.*?)^endrewards', str(parsed), re.MULTILINE | re.DOTALL
     ):
@@ -195,11 +220,11 @@ def _rule(parser: Any, item: str) -> RewardItem:
     return RewardItem(_tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions)
 
 
-def main(given: str, found: str) -> None:
-    """Write the program, or the fault of the text and its line."""
-    result: Program | tuple[str, int | None]
+def main(given: str, found: str, name: str) -> None:
+    """Write the model, or the fault of the text and its line."""
+    result: PrismModel | tuple[str, int | None]
     try:
-        result = parse_program(Path(given))
+        result = parse_model(Path(given), name)
     except RuntimeError as error:
         result = _message(str(error))
     except InputError as error:

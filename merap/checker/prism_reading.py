@@ -11,41 +11,64 @@ import sys
 import tempfile
 from pathlib import Path
 
+from merap.checker.prism_model import PrismModel
 from merap.checker.prism_scan import readable_text
 from merap.errors import EngineError, InputError
-from merap.program.form import Program
 
 SECONDS = 120
 
 
-def read_prism(path: Path) -> Program:
-    """Read a PRISM MDP; constants that it leaves open, and PAYNT's holes, are the program's parameters.
-
-    Args:
-        path: path of the file.
+def read_prism(path: Path) -> PrismModel:
+    """Read the file of a PRISM MDP.
 
     Raises:
         InputError: it can't be read, or uses something that is not supported; names file and line.
         EngineError: Storm crashed on it, or took longer than two minutes.
     """
+    return read_prism_text(prism_file(path), path.stem, str(path))
+
+
+def prism_file(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises:
+        InputError: it can't be read.
+    """
     try:
-        text = readable_text(path.read_text(encoding="utf-8"))
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"can't be read: {error}", source=str(path)) from error
+        why = (error.strerror or error) if isinstance(error, OSError) else "is not UTF-8"
+        raise InputError(f"can't be read: {why}", source=str(path)) from error
+
+
+def read_prism_text(text: str, name: str, source: str) -> PrismModel:
+    """Read the text of a PRISM MDP.
+
+    Args:
+        text: of the whole model.
+        name: of the program.
+        source: where the text stands, for messages.
+
+    Raises:
+        InputError: it uses something that is not supported, or is wrong; names source and line.
+        EngineError: Storm crashed on it, or took longer than two minutes.
+    """
+    try:
+        text = readable_text(text)
     except InputError as error:
-        raise InputError(error.message, source=str(path), line=error.line) from error
-    with tempfile.TemporaryDirectory() as folder:
+        raise InputError(error.message, source=source, line=error.line) from error
+    with tempfile.TemporaryDirectory(prefix="merap-") as folder:
         given, found = Path(folder) / "model.prism", Path(folder) / "program"
         given.write_text(text, encoding="utf-8")
-        command = [sys.executable, "-m", "merap.checker.prism_parsing", str(given), str(found)]
+        command = [sys.executable, "-m", "merap.checker.prism_parsing", str(given), str(found), name]
         try:
             done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False)
         except subprocess.TimeoutExpired as error:
-            raise EngineError(f"{path}: Storm's parser took longer than {SECONDS} s") from error
+            raise EngineError(f"{source}: Storm's parser took longer than {SECONDS} s") from error
         if done.returncode or not found.exists():
-            raise EngineError(f"{path}: Storm's parser crashed (exit code {done.returncode})")
+            raise EngineError(f"{source}: Storm's parser crashed (exit code {done.returncode})")
         result = pickle.loads(found.read_bytes())
-    if isinstance(result, Program):
+    if isinstance(result, PrismModel):
         return result
     message, line = result
-    raise InputError(message, source=str(path), line=line)
+    raise InputError(message, source=source, line=line)

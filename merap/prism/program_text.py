@@ -17,6 +17,7 @@ from merap.prism.joint_outcomes import joint_outcomes
 from merap.prism.lines import CommandLine, Formula, LabelLine, VariableLine
 from merap.prism.reward_text import rewards_text, wrapped
 from merap.prism.templates import fill_in
+from merap.prism.text_names import text_names, with_text_names
 from merap.program.expressions import Constant, Expression, Operation, Variable
 from merap.program.form import Command, Process, Program, StateVariable, Update, whole
 
@@ -45,6 +46,8 @@ def render_program(program: Program, header: tuple[str, ...] = ()) -> str:
         InputError: an expression can't be written exactly; a command, or what a reward reads of the
             successor, has more than 256 joint outcomes.
     """
+    names = text_names(program)
+    program = with_text_names(program, names)
     writer = ProgramWriter(program)
     text = writer.text
     shared = [process for process in program.processes if not process.commands]
@@ -55,7 +58,7 @@ def render_program(program: Program, header: tuple[str, ...] = ()) -> str:
         "rewards": rewards_text(program, text),
         "initial": writer.initial(),
     }
-    head = header or (program.name,)
+    head = (*(header or (program.name,)), *names.header())
     return fill_in("program.prism.j2", header=head, formulas=text.take(), **sections)
 
 

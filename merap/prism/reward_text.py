@@ -48,14 +48,26 @@ def rewards_text(program: Program, text: EngineText) -> list[RewardsText]:
     """
     written: list[RewardsText] = []
     for name, structure in program.rewards.items():
-        if not structure.first_match:
-            items = tuple(_plain(program, text, rule) for rule in structure.rules)
-            written.append(
-                RewardsText(name, tuple(line for lines in items for line in lines) or ("true : 0",))
-            )
-        else:
+        if structure.first_match:
             written += _Expected(program, text, structure).texts(name)
+            continue
+        items = tuple(line for rule in structure.rules for line in _plain(program, text, rule))
+        written.append(RewardsText(name, items or ("true : 0",)))
+        if structure.shift is not None:
+            losses = (min(least(engine_form(rule.value), text), Fraction(0)) for rule in structure.rules)
+            more = f"true : {structure.shift}"
+            written.append(_without_losses(name, (*items, more), structure.shift, sum(losses, Fraction(0))))
     return written
+
+
+def _without_losses(name: str, items: tuple[str, ...], shift: str, lowest: Fraction) -> RewardsText:
+    """Return the structure in which every step earns a constant more, so that none earns less than 0."""
+    return RewardsText(
+        f"{name}_shifted",
+        items or ("true : 0",),
+        f"const double {shift} = {floor(-lowest) + 1}",
+        "every step of every state plus a constant: PRISM-games takes no negative reward",
+    )
 
 
 def _plain(program: Program, text: EngineText, rule: RewardItem) -> list[str]:
@@ -100,12 +112,7 @@ class _Expected:
         lines = [_line(item.action, item.guard, item.value) for item in paid if item.value != NOTHING]
         yield RewardsText(name, tuple(lines) or ("true : 0",))
         if shift is not None:
-            yield RewardsText(
-                f"{name}_shifted",
-                tuple(self._shifted(paid, shift)) or ("true : 0",),
-                f"const double {shift} = {floor(-self._least) + 1}",
-                "every step of every state plus a constant: PRISM-games takes no negative reward",
-            )
+            yield _without_losses(name, tuple(self._shifted(paid, shift)), shift, self._least)
 
     def _pay(self, item: _Item, items: Sequence[_Item]) -> _Item:
         """Give the value a name, as two structures use it."""

@@ -8,7 +8,7 @@ without an action is a step of its process alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -228,43 +228,45 @@ def closed(program: Program, values: Mapping[str, Value]) -> Program:
     Raises:
         InputError: an expression can't be computed with them.
     """
+    return with_expressions(program, lambda expression: fold(expression, values))
 
-    def put(expression: Expression) -> Expression:
-        return fold(expression, values)
+
+def with_expressions(program: Program, change: Callable[[Expression], Expression]) -> Program:
+    """Return the program with every expression changed."""
+
+    def changed(given: Mapping[str, Expression]) -> dict[str, Expression]:
+        return {name: change(expression) for name, expression in given.items()}
 
     def of_command(command: Command) -> Command:
         draws = tuple(
-            tuple(
-                Update(put(one.probability), {name: put(value) for name, value in one.assignments.items()})
-                for one in draw
-            )
+            tuple(Update(change(one.probability), changed(one.assignments)) for one in draw)
             for draw in command.draws
         )
-        return replace(command, guard=put(command.guard), draws=draws)
+        return replace(command, guard=change(command.guard), draws=draws)
 
     def of_process(process: Process) -> Process:
         return replace(
             process,
             variables=tuple(
-                replace(one, least=put(one.least), greatest=put(one.greatest)) for one in process.variables
+                replace(one, least=change(one.least), greatest=change(one.greatest))
+                for one in process.variables
             ),
             commands=tuple(of_command(command) for command in process.commands),
             initial=tuple(
-                InitialValues(put(one.probability), {name: put(value) for name, value in one.values.items()})
-                for one in process.initial
+                InitialValues(change(one.probability), changed(one.values)) for one in process.initial
             ),
         )
 
     def of_rewards(structure: RewardStructure) -> RewardStructure:
-        rules = (replace(rule, value=put(rule.value), guard=put(rule.guard)) for rule in structure.rules)
+        rules = (replace(one, value=change(one.value), guard=change(one.guard)) for one in structure.rules)
         return replace(structure, rules=tuple(rules))
 
     predicate = program.initial_predicate
     return replace(
         program,
         processes=tuple(of_process(process) for process in program.processes),
-        labels={name: put(where) for name, where in program.labels.items()},
+        labels=changed(program.labels),
         rewards={name: of_rewards(structure) for name, structure in program.rewards.items()},
-        initial_predicate=None if predicate is None else put(predicate),
-        definitions={name: put(value) for name, value in program.definitions.items()},
+        initial_predicate=None if predicate is None else change(predicate),
+        definitions=changed(program.definitions),
     )

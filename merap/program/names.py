@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from merap.errors import InputError
 
@@ -80,6 +80,13 @@ def check_emitted_name(name: str, what: str) -> None:
         prefixes = ", ".join(f"{prefix}*" for prefix in RESERVED_PREFIXES)
         reserved = ", ".join(sorted(RESERVED))
         raise InputError(f"illegal name {name!r} of {what}: {reserved} and {prefixes} are reserved")
+
+
+def unique_name(name: str, taken: Collection[str]) -> str:
+    """Return a name with as many underscores behind it as it takes to be neither taken nor a keyword."""
+    while name in taken or name in KEYWORDS:
+        name += "_"
+    return name
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -96,7 +96,7 @@ def _read(text: str) -> Program:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.prism"
         path.write_text(text, encoding="utf-8")
-        return closed(read_prism(path), {})
+        return closed(read_prism(path).program, {})
 
 
 def export_mapped(model: StormModel) -> TabularMDP:

@@ -16,7 +16,7 @@ from merap.prism.program_text import render_program
 from merap.program.arrays import tabular
 from merap.program.completion import completed, enabled, negated
 from merap.program.exploration import explore
-from merap.program.expressions import Value
+from merap.program.expressions import Value, render
 from merap.program.form import Program, closed
 from merap.program.unique_actions import ambiguous_actions, unique_actions
 from tests.support.explored import choices_of
@@ -104,7 +104,7 @@ def saved(folder: Path, text: str, name: str = "model.prism") -> Path:
 def test_the_model_is_that_of_storm_and_so_is_the_text_we_write(
     folder: Path, text: str, values: dict[str, Value]
 ) -> None:
-    program = closed(read_prism(saved(folder, text)), values)
+    program = closed(read_prism(saved(folder, text)).program, values)
     constants: dict[str, Any] = {name: str(value).lower() for name, value in values.items()}
     theirs = build(saved(folder, text), constants)
     found = explore(program)
@@ -123,7 +123,7 @@ def without_deadlocks(program: Program, reward: str | None = None) -> TabularMDP
 
 
 def test_rewards_of_states_and_actions_add_up(folder: Path) -> None:
-    program = closed(read_prism(saved(folder, FEATURES)), {"p": Fraction(1, 3), "careful": False})
+    program = closed(read_prism(saved(folder, FEATURES)).program, {"p": Fraction(1, 3), "careful": False})
     mdp = without_deadlocks(program, "steps")
     assert {"even", "a#1", "c#1", "go#1.1", "go#2.1", "go#3.3"} <= set(mdp.action_names)
     names = [mdp.action_names[action] for action in mdp.choice_action]
@@ -139,19 +139,19 @@ def test_rewards_of_states_and_actions_add_up(folder: Path) -> None:
 def test_mod_of_a_negative_number_is_prisms_and_not_storms(folder: Path) -> None:
     # Storm gives 3 for mod(-3, 3), so its own build of such a text has another state
     text = "mdp\nmodule m\n x : [-3..3] init -3;\n [a] true -> (x'=mod(x, 3));\nendmodule\n"
-    program = read_prism(saved(folder, text))
+    program = read_prism(saved(folder, text)).program
     assert choices_of(program, explore(program))[(-3,)] == Counter({("a", frozenset({((0,), 1.0)})): 1})
     again = build(saved(folder, render_program(program), "again.prism"), {})
     assert choices_of_storm(program, again) == choices_of(program, explore(program))
 
 
 def test_holes_are_parameters(folder: Path) -> None:
-    program = closed(read_prism(saved(folder, SKETCH)), {"step": Fraction(2), "odds": Fraction(1, 2)})
+    program = closed(read_prism(saved(folder, SKETCH)).program, {"step": Fraction(2), "odds": Fraction(1, 2)})
     assert explore(program).encoding.valuations(explore(program).codes).tolist() == [[0], [2]]
 
 
 def test_a_parameter_without_a_value_is_named(folder: Path) -> None:
-    program = closed(read_prism(saved(folder, SKETCH)), {"odds": Fraction(1, 2)})
+    program = closed(read_prism(saved(folder, SKETCH)).program, {"odds": Fraction(1, 2)})
     with pytest.raises(KeyError, match="step"):
         explore(program)
 
@@ -187,3 +187,24 @@ def test_a_shared_variable_is_not_written_by_an_action(folder: Path) -> None:
     text = "mdp\nglobal g : bool;\nmodule m\n x : bool;\n [a] true -> (g'=x);\nendmodule"
     with pytest.raises(InputError, match=r"the global variable g is written by a command with an action"):
         read_prism(saved(folder, text))
+
+
+def test_what_a_text_leaves_open_has_types_and_the_rest_has_definitions(folder: Path) -> None:
+    text = """mdp
+const int n; const double p; const bool careful; const int unread;
+const int twice = 2*n; const double q = 1-p;
+formula far = x > twice; formula careless = far & !careful;
+module m
+  x : [0..9] init 0;
+  [a] !careless -> p : (x'=n) + q : true;
+endmodule
+"""
+    model = read_prism(saved(folder, text))
+    assert model.constants == {"n": "int", "p": "double", "careful": "bool", "unread": "int"}
+    shown = {name: render(value) for name, value in model.definitions.items()}
+    assert shown == {
+        "twice": "2 * n",
+        "q": "1 - p",
+        "far": "x > 2 * n",
+        "careless": "x > 2 * n & !careful",
+    }

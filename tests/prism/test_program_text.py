@@ -14,7 +14,7 @@ from merap.prism.program_text import render_program
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.expressions import parse
-from merap.program.form import Program
+from merap.program.form import Program, RewardItem, RewardStructure
 from tests.support.explored import choices_of
 from tests.support.programs import ONE_COIN, programs
 from tests.support.storm_choices import build, choices_of_storm
@@ -62,3 +62,25 @@ def test_the_arrays_have_names_labels_and_rewards() -> None:
     assert mdp.action_names == ("toss", "rest")
     assert mdp.labels["goal"].tolist() == [False, False, False, True]
     assert mdp.choice_reward.tolist() == [1, 1, 1, 0]
+
+
+def test_rewards_that_add_up_have_a_structure_without_losses() -> None:
+    rules = (
+        RewardItem(parse("-2 * x"), parse("x > 1")),
+        RewardItem(parse("-1/2"), actions=frozenset({"toss"})),
+        RewardItem(parse("3")),
+    )
+    losing = replace(ONE_COIN, rewards={"earned": RewardStructure(rules, shift="more")})
+    text = render_program(losing)
+    # no step loses more than 2 * 3 + 1/2
+    assert "const double more = 7;" in text
+    assert (
+        """rewards "earned_shifted"
+  x>1 : -2 * x;
+  [toss] true : -1/2;
+  true : 3;
+  true : more;
+endrewards
+"""
+        in text
+    )

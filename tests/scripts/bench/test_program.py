@@ -22,7 +22,7 @@ from scripts.bench.program import CHAIN, GRID, export_mapped
 def test_storm_builds_the_model_that_is_explored(tmp_path: Path, text: str) -> None:
     path = tmp_path / "model.prism"
     path.write_text(text.format(size=5), encoding="utf-8")
-    program = closed(read_prism(path), {})
+    program = closed(read_prism(path).program, {})
     theirs = export_mapped(build_text(path.read_text(encoding="utf-8"), "measured"))
     assert theirs.variable_names == tuple(one.name for one in program.variables)
     for states in (None, theirs.valuations):

@@ -1,0 +1,122 @@
+"""Names in PRISM text: those of the program, but where an engine can't read one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+from merap.program.expressions import Expression, Variable, substitute
+from merap.program.form import Process, Program, with_expressions
+from merap.program.names import KEYWORDS, unique_name
+
+_IDENTIFIER = re.compile(r"\b[A-Za-z_]\w*")
+_QUOTED = re.compile(r'("[^"]*")')
+
+
+@dataclass(frozen=True)
+class TextNames:
+    """What text calls that which has another name in the program; all else keeps its name.
+
+    Attributes:
+        variables: name in the program -> name in text.
+        actions: likewise.
+        processes: likewise.
+    """
+
+    variables: Mapping[str, str]
+    actions: Mapping[str, str]
+    processes: Mapping[str, str]
+
+    def header(self) -> tuple[str, ...]:
+        """Return a line of comment for each name that text has changed."""
+        kinds = (("variable", self.variables), ("action", self.actions), ("module", self.processes))
+        return tuple(
+            f"the {kind} {name} is written {written}"
+            for kind, names in kinds
+            for name, written in names.items()
+        )
+
+    def in_property(self, text: str) -> str:
+        """Return a property that a user has written with the names of the text; F is an operator there."""
+        named = {name: new for name, new in self.variables.items() if not re.fullmatch("[A-Z]", name)}
+        parts = _QUOTED.split(text)
+        parts[::2] = [
+            _IDENTIFIER.sub(lambda found: named.get(found[0], found[0]), part) for part in parts[::2]
+        ]
+        return "".join(parts)
+
+
+def text_names(program: Program) -> TextNames:
+    """Return the names of a program that text has to change.
+
+    An action `go#1.2` becomes `go_1_2`; a keyword of an engine, or a name that is taken then, gets
+    underscores behind it.
+    """
+    variables = [one.name for one in program.variables]
+    processes = [one.name for one in program.processes]
+    taken = {*variables, *program.actions, *processes}
+    return TextNames(_changed(variables, taken), _changed(program.actions, taken), _changed(processes, taken))
+
+
+def _changed(names: Collection[str], taken: set[str]) -> dict[str, str]:
+    changed = {}
+    for name in names:
+        written = re.sub(r"\W", "_", name)
+        if written != name or name in KEYWORDS:
+            changed[name] = unique_name(f"{name}_" if written == name else written, taken)
+            taken.add(changed[name])
+    return changed
+
+
+def with_text_names(program: Program, names: TextNames) -> Program:
+    """Return the program as text names it."""
+    if names == TextNames({}, {}, {}):
+        return program
+    primes = {f"{name}'": f"{written}'" for name, written in names.variables.items()}
+    written = {name: Variable(new, 0) for name, new in {**names.variables, **primes}.items()}
+
+    def variable(name: str) -> str:
+        return names.variables.get(name, name)
+
+    def action(name: str | None) -> str | None:
+        return None if name is None else names.actions.get(name, name)
+
+    def assigned(values: Mapping[str, Expression]) -> dict[str, Expression]:
+        return {variable(name): value for name, value in values.items()}
+
+    def of_process(process: Process) -> Process:
+        return replace(
+            process,
+            name=names.processes.get(process.name, process.name),
+            variables=tuple(replace(one, name=variable(one.name)) for one in process.variables),
+            commands=tuple(
+                replace(
+                    command,
+                    action=action(command.action),
+                    draws=tuple(
+                        tuple(replace(one, assignments=assigned(one.assignments)) for one in draw)
+                        for draw in command.draws
+                    ),
+                )
+                for command in process.commands
+            ),
+            initial=tuple(replace(one, values=assigned(one.values)) for one in process.initial),
+        )
+
+    renamed = with_expressions(program, lambda expression: substitute(expression, written))
+    rewards = {
+        name: replace(
+            structure,
+            rules=tuple(
+                replace(rule, actions=frozenset(map(action, rule.actions))) for rule in structure.rules
+            ),
+        )
+        for name, structure in renamed.rewards.items()
+    }
+    return replace(
+        renamed,
+        processes=tuple(map(of_process, renamed.processes)),
+        rewards=rewards,
+        location=tuple(map(variable, program.location)),
+    )
