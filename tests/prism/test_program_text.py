@@ -76,7 +76,7 @@ def test_rewards_that_add_up_have_a_structure_without_losses() -> None:
     assert "const double more = 7;" in text
     assert (
         """rewards "earned_shifted"
-  x>1 : -2 * x;
+  x>1 : (-2) * x;
   [toss] true : -1/2;
   true : 3;
   true : more;
