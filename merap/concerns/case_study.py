@@ -14,6 +14,7 @@ import numpy as np
 
 from merap.concerns.arguments import as_path, as_text
 from merap.concerns.checks import DistributionCheck
+from merap.concerns.closing import Closing, foreign_names
 from merap.concerns.combination import (
     Capability,
     Combination,
@@ -193,6 +194,7 @@ class DeclaredCase(CaseStudy):
     Attributes:
         space: the locations, attributes at their defaults.
         modes: Q names.
+        closing: puts in what a configuration reads of the others.
         check_pair: refuses an environment and a capability that don't fit together.
         read_system: makes systems that are met.
     """
@@ -201,23 +203,22 @@ class DeclaredCase(CaseStudy):
     modes: tuple[str, ...]
     supports: DeclaredSupports
     systems: Mapping[str, DeclaredCombination]
+    closing: Closing = field(repr=False)
     check_pair: Callable[[Environment, Capability], None] = field(repr=False)
     read_system: SystemReader = field(repr=False)
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
         """See `CaseStudy`."""
-        parts = (
-            self.supports.environment[environment],
-            self.supports.capability[capability],
-            self.supports.objective[objective],
-        )
-        self.check_pair(parts[0], parts[1])
+        supports = self.supports
+        pair = self.closing.pair(supports.environment[environment], supports.capability[capability])
+        wanted = self.closing.objective(supports.objective[objective], *pair)
+        self.check_pair(*pair)
         return DeclaredCombination(
-            name=".".join(part.name for part in parts),
+            name=".".join(part.name for part in (*pair, wanted)),
             actions=self.actions,
-            environment=parts[0],
-            capability=parts[1],
-            objective=parts[2],
+            environment=pair[0],
+            capability=pair[1],
+            objective=wanted,
             discount=self.discount,
             digest=self.digest,
             space=self.space,
@@ -245,8 +246,9 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
     resolvers = make_resolvers(context, spec)
     supports = make_supports(context, spec, resolvers)
     check_pair = DistributionCheck(context)
-    check_at_load(supports, check_pair)
-    read_system = SystemReader(context, spec, supports, resolvers, check_pair, digest(document))
+    closing = Closing(str(file), foreign_names(resolvers.names_read()))
+    check_at_load(supports, closing, check_pair)
+    read_system = SystemReader(context, spec, supports, resolvers, closing, check_pair, digest(document))
     return DeclaredCase(
         name=spec.case,
         source=file,
@@ -262,6 +264,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
             *unused_parameters(spec, resolvers),
             *idle_rules(context, supports.capability, resolvers.objective),
         ),
+        closing=closing,
         check_pair=check_pair,
         read_system=read_system,
     )

@@ -11,19 +11,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from merap.concerns.composition import compose
+from merap.concerns.innate import Innate
 from merap.concerns.processes import DeclaredProcess
 from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Expression
+from merap.program.expressions import Constants, Expression
 from merap.program.form import TRUE, Program
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
@@ -37,10 +37,12 @@ class Configuration(ShortRepr):
     Attributes:
         name: of the configuration.
         parameters: their values, as given.
+        known: what expressions of the case language read of them, by resolved names.
     """
 
     name: str
     parameters: Mapping[str, Any]
+    known: Constants = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,40 +108,6 @@ class ExternalAction(ShortRepr):
     outcomes: tuple[Outcome, ...]
     on_blocked: Literal["stay", "disable"]
     requires: Expression = TRUE
-
-
-@dataclass(frozen=True, repr=False)
-class InnateAction(ShortRepr):
-    """A row of delta: mode -> {successor mode: probability}; undefined elsewhere."""
-
-    name: str
-    transitions: Mapping[int, Mapping[int, Fraction]]
-
-
-@dataclass(frozen=True, repr=False)
-class Innate(ShortRepr):
-    """The innate automaton (Definition 2 of the paper); modes are indices.
-
-    Attributes:
-        name: of the automaton.
-        entry: the paper's q0, where `start_<name>` leads.
-        initial: the mode an episode begins in.
-        terminal: F, the modes in which external actions are possible.
-        restart: whether `start_<name>` exists.
-        actions: in declared order.
-    """
-
-    name: str
-    entry: int
-    initial: int
-    terminal: frozenset[int]
-    restart: bool
-    actions: tuple[InnateAction, ...]
-
-    @property
-    def start_action(self) -> str:
-        """The name of the action that enters the automaton."""
-        return f"start_{self.name}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

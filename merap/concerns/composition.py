@@ -43,13 +43,8 @@ from merap.program.form import (
 )
 
 if TYPE_CHECKING:
-    from merap.concerns.combination import (
-        Condition,
-        DeclaredCombination,
-        ExternalAction,
-        InnateAction,
-        Outcome,
-    )
+    from merap.concerns.combination import Condition, DeclaredCombination, ExternalAction, Outcome
+    from merap.concerns.innate import InnateAction
 
 ONE = Constant(Fraction(1))
 SHIFT = "shift"

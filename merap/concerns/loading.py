@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from merap.concerns.checks import DistributionCheck, check_starts
+from merap.concerns.closing import Closing
 from merap.concerns.configurations import read_configurations
 from merap.concerns.document import Document
 from merap.concerns.parameters import Values, find_location
@@ -141,7 +142,7 @@ def _reachability(
     )
 
 
-def check_at_load(supports: DeclaredSupports, check_pair: DistributionCheck) -> None:
+def check_at_load(supports: DeclaredSupports, closing: Closing, check_pair: DistributionCheck) -> None:
     """Resolve and check the first configurations of each concern: all of a small support.
 
     Raises:
@@ -150,8 +151,8 @@ def check_at_load(supports: DeclaredSupports, check_pair: DistributionCheck) -> 
     environments = list(islice(supports.environment, CHECKED_AT_LOAD))
     capabilities = list(islice(supports.capability, CHECKED_AT_LOAD))
     deque(islice(supports.objective, CHECKED_AT_LOAD), maxlen=0)  # resolving an objective checks it
-    # One environment stands for all that have the same attributes.
-    distinct = list({id(environment.attributes): environment for environment in environments}.values())
+    # One environment stands for all that have the same attributes, and the same that capabilities read.
+    distinct = list({closing.seen_by_capability(one): one for one in environments}.values())
     pairs = ((environment, capability) for environment in distinct for capability in capabilities)
     for environment, capability in islice(pairs, CHECKED_PAIRS):
-        check_pair(environment, capability)
+        check_pair(*closing.pair(environment, capability))

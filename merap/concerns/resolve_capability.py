@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
 
-from merap.concerns.combination import Capability, ExternalAction, Innate, InnateAction, Outcome
+from merap.concerns.closing import possible
+from merap.concerns.combination import Capability, ExternalAction, Outcome
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import ExpressionNames
+from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.parameters import Values, constants, held_locations, present_all
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_processes import ProcessResolver
@@ -167,12 +169,13 @@ class CapabilityResolver:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
         known = constants("capability", self.spec.parameters, values, self.context.space)
-        external = [self._fold_action(template, name, known) for template in self.actions]
+        external = (self._fold_action(template, name, known) for template in self.actions)
         return Capability(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
+            known=known,
             no_entry=self.context.mask(held_locations(values, NO_ENTRY)),
-            external=tuple(action for action in external if action is not None),
+            external=tuple(possible(external)),
             innate=self._fold_innate(name, known),
             processes=self.processes(name, known),
         )
@@ -187,18 +190,17 @@ class CapabilityResolver:
         folded = self._fold((*path, "requires"), name, expression, known)
         return isinstance(folded, Constant) and bool(folded.value)
 
-    def _fold_action(self, template: ActionTemplate, name: str, known: Constants) -> ExternalAction | None:
+    def _fold_action(self, template: ActionTemplate, name: str, known: Constants) -> ExternalAction:
         path = ("capability", "actions", template.name, "requires")
-        requires = self._fold(path, name, template.requires, known)
-        if requires == Constant(False):
-            return None
-        outcomes = [
-            Outcome(outcome.move, self._fold(outcome.path, name, outcome.probability, known))
-            for outcome in template.outcomes
-        ]
-        # The first outcome says what is intended, so it stays even if it is impossible.
-        likely = [outcome for outcome in outcomes[1:] if outcome.probability != Constant(Fraction(0))]
-        return ExternalAction(template.name, (outcomes[0], *likely), template.on_blocked, requires)
+        return ExternalAction(
+            template.name,
+            tuple(
+                Outcome(outcome.move, self._fold(outcome.path, name, outcome.probability, known))
+                for outcome in template.outcomes
+            ),
+            template.on_blocked,
+            self._fold(path, name, template.requires, known),
+        )
 
     def _fold_innate(self, name: str, known: Constants) -> Innate | None:
         template, spec = self.innate, self.spec.innate

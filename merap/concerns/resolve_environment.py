@@ -63,15 +63,15 @@ class EnvironmentResolver(ShortRepr):
         Raises:
             InputError: a value that a parameter puts into an attribute is not allowed.
         """
+        known = constants("environment", self.spec.parameters, values, self.context.space)
         return Environment(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
+            known=known,
             blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
             attributes=self._attributes(values),
-            processes=self.processes(
-                name, constants("environment", self.spec.parameters, values, self.context.space)
-            ),
+            processes=self.processes(name, known),
         )
 
     def _blocked_edges(self, values: Values) -> Bools:

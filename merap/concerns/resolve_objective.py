@@ -115,6 +115,7 @@ class ObjectiveResolver:
         return DeclaredObjective(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
+            known=known,
             start=self._start(path, points, values),
             horizon=horizon or self.spec.horizon,
             goal=self.context.mask(held_locations(values, GOAL_LABEL)),

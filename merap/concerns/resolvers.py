@@ -8,6 +8,7 @@ from merap.concerns.resolve_capability import CapabilityResolver
 from merap.concerns.resolve_environment import EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.mdp.short_repr import ShortRepr
+from merap.program.form import ConcernName
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -17,3 +18,11 @@ class Resolvers(ShortRepr):
     environment: EnvironmentResolver
     capability: CapabilityResolver
     objective: ObjectiveResolver
+
+    def names_read(self) -> dict[ConcernName, set[str]]:
+        """Return the resolved names of all that the expressions of each concern read."""
+        return {
+            "environment": self.environment.names_read(),
+            "capability": self.capability.names_read(),
+            "objective": self.objective.names_read(),
+        }

@@ -8,6 +8,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from merap.concerns.checks import DistributionCheck, check_system_start
+from merap.concerns.closing import Closing
 from merap.concerns.combination import DeclaredCombination, DeclaredObjective
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
@@ -31,6 +32,7 @@ class SystemReader(ShortRepr):
         spec: of the case.
         supports: of the case.
         resolvers: of the case.
+        closing: puts in what a configuration reads of the others.
         check_pair: refuses an environment and a capability that don't fit together.
         digest: hexadecimal SHA-256 of the sources.
         place: where the document describes the system; None: at `online.<name>`.
@@ -40,6 +42,7 @@ class SystemReader(ShortRepr):
     spec: CaseSpec
     supports: DeclaredSupports
     resolvers: Resolvers
+    closing: Closing
     check_pair: DistributionCheck
     digest: str
     place: KeyPath | None = None
@@ -58,8 +61,12 @@ class SystemReader(ShortRepr):
             InputError: a configuration, parameter or location is unknown, or the start is closed.
         """
         self._check_name(name)
-        environment = self._concern(name, "environment", self.supports.environment, spec.environment)
-        capability = self._concern(name, "capability", self.supports.capability, spec.capability)
+        path = self._path(name)
+        environment, capability = self.closing.pair(
+            self._concern(name, "environment", self.supports.environment, spec.environment),
+            self._concern(name, "capability", self.supports.capability, spec.capability),
+        )
+        objective = self.closing.objective(self._objective(name, spec), environment, capability)
         system = DeclaredCombination(
             name=name,
             space=self.context.space,
@@ -67,13 +74,13 @@ class SystemReader(ShortRepr):
             actions=self.context.actions,
             environment=environment,
             capability=capability,
-            objective=self._objective(name, spec),
+            objective=objective,
             discount=self.spec.discount,
             digest=self.digest,
             reset=spec.reset,
         )
         self.check_pair(environment, capability)
-        check_system_start(self.context, self._path(name), system)
+        check_system_start(self.context, path, system)
         return system
 
     def _check_name(self, name: str) -> None:

@@ -24,8 +24,7 @@ LOOKED_AT = 1000
 def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
     """A sentence for every parameter that nothing reads."""
     read = {"environment.blocked", "environment.blocked_edges", "capability.no_entry", "objective.goal"}
-    for resolver in (resolvers.environment, resolvers.capability, resolvers.objective):
-        read |= resolver.names_read()
+    read = read.union(*resolvers.names_read().values())
     for concern in CONCERNS:
         for name in getattr(spec, concern).parameters:
             if parameter_name(concern, name) not in read:

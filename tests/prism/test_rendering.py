@@ -12,15 +12,8 @@ import numpy as np
 import pytest
 
 from merap.checker.combination_model import build_combination, build_pair
-from merap.concerns.combination import (
-    Combination,
-    Condition,
-    ExternalAction,
-    Innate,
-    InnateAction,
-    Outcome,
-    RewardRule,
-)
+from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.mdp.comparison import compare
 from merap.prism.rendering import render, render_pair

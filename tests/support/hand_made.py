@@ -15,11 +15,10 @@ from merap.concerns.combination import (
     DeclaredObjective,
     Environment,
     ExternalAction,
-    Innate,
-    InnateAction,
     Outcome,
     RewardRule,
 )
+from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Ints
 from merap.program.expressions import Constant, Expression, fold, parse

@@ -19,11 +19,10 @@ from merap.concerns.combination import (
     DeclaredObjective,
     Environment,
     ExternalAction,
-    Innate,
-    InnateAction,
     Outcome,
     RewardRule,
 )
+from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Floats
 from merap.program.expressions import Expression
