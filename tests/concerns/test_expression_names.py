@@ -36,7 +36,7 @@ capability:
   parameters: {rate: {probability: [0, 1]}, size: {int: [1, 3]}}
   actions:
     rest: {stay: 1}
-    drain: {stay: 1, requires: "level > 0 & shade = light"}
+    drain: {stay: 1, requires: "shade = light & level > 0"}
   processes:
     wear:
       values: [new, worn, broken]
@@ -138,7 +138,7 @@ def test_what_is_closed_is_kept(pump: CaseStudy) -> None:
         ),
         ("probability: rate}", "probability: objective.price}", "read nothing of the objective"),
         ("wear = new", "wear = dark", "unknown variable 'dark' at column 8; known: "),
-        ("shade = light", "shade = new", "unknown variable 'new' at column 21"),
+        ("shade = light", "shade = new", "unknown variable 'new' at column 9"),
         ("wear = new", "rate = new", "unknown variable 'new'"),
         (
             "set: [{value: worn,",
@@ -166,7 +166,7 @@ def test_two_variables_may_number_one_name_differently(tmp_path: Path) -> None:
         "parameters: {rate: {probability: [0, 1]}, shade: {values: [dark, light]}}",
         "parameters: {rate: {probability: [0, 1]}, shade: {values: [worn, dark, light]}}",
     )
-    text = replaced(text, 'requires: "level > 0 & shade = light"', 'requires: "shade = worn | wear = worn"')
+    text = replaced(text, 'requires: "shade = light & level > 0"', 'requires: "shade = worn | wear = worn"')
     case = load_case(write_case(tmp_path, text))
     (_, drain) = case.combination("wet.small.cheap").capability.external
     assert outcomes(case, "wet.small.cheap", (1, 1), "drain") == {(0, 1): 1.0}
