@@ -21,7 +21,17 @@ from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.model import Bools
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Kind, Value, check, exact, parse, variables
+from merap.program.expressions import (
+    Constant,
+    Expression,
+    Kind,
+    Value,
+    check,
+    exact,
+    parse,
+    substitute,
+    variables,
+)
 from merap.program.form import ConcernName, StateVariable
 from merap.program.names import suggestion
 
@@ -37,6 +47,7 @@ class ResolutionContext(ShortRepr):
         actions: names of external, innate and `start_*` actions.
         parameters: of each concern.
         variables: those of processes by name, with the concern that owns them.
+        definitions: name, or label in quotes -> what it stands for, in names that are resolved then.
     """
 
     document: Document
@@ -45,6 +56,7 @@ class ResolutionContext(ShortRepr):
     actions: tuple[str, ...]
     parameters: Mapping[ConcernName, ParameterTypes] = field(default_factory=dict)
     variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
+    definitions: Mapping[str, Expression] = field(default_factory=dict)
 
     def names(
         self,
@@ -88,7 +100,7 @@ class ResolutionContext(ShortRepr):
         """
         with self.document.at(*path):
             if isinstance(given, str):
-                expression = names.resolve(parse(given), values)
+                expression = names.resolve(substitute(parse(given), self.definitions), values)
             else:
                 expression = Constant(given if isinstance(given, bool) else exact(given))
             check(expression, names.kinds, expected)
