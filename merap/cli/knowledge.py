@@ -41,8 +41,6 @@ RunNumber: TypeAlias = Annotated[
     int, typer.Argument(metavar="NUMBER", help="Of the run, as `list` shows it.", show_default=False)
 ]
 MOMENT = "%Y-%m-%d %H:%M:%S"
-# The value of every variable in the completed state, `ABSORBING_VALUE` of `merap.mdp.canonical`.
-COMPLETED = -1
 
 
 def register(app: typer.Typer) -> None:
@@ -252,15 +250,14 @@ def _timeline_row(
 
 
 def _state(valuation: Sequence[int], case: CaseStudy | None) -> str:
-    """Show a state by names where they are known: its location, and its mode if there are several."""
-    if all(value == COMPLETED for value in valuation):
-        return "complete"
+    """Show the values of a state, by the names of variables and values where they are known."""
+    from merap.systems.description import in_words, shown_variables
+
     if case is None:
         return " ".join(map(str, valuation))
-    *where, mode = valuation
-    location = where[0] if len(where) == 1 else tuple(where)
-    shown = case.space.locations[location] if isinstance(location, int) else str(list(location))
-    return f"{shown} {case.modes[mode]}" if len(case.modes) > 1 else str(shown)
+    variables = shown_variables(case.combination_at(0).program)
+    values = ((one.name, in_words(one, value)) for one, value in zip(variables, valuation, strict=True))
+    return " ".join(f"{name}={str(value).lower() if value is True or value is False else value}" for name, value in values)
 
 
 def _finished(row: RunRow) -> str:

@@ -76,6 +76,11 @@ def compose(combination: DeclaredCombination) -> Program:
         rewards,
         location=combination.space.variable_names,
         definitions={"complete": complete, **tables.successors()},
+        monitors=frozenset(
+            {FLAG_VARIABLE}
+            | {one.name for process in combination.objective.processes for one in process.variables}
+        ),
+        flag=FLAG_VARIABLE,
     )
 
 

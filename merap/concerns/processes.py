@@ -202,10 +202,11 @@ def linked(processes: Sequence[Process], declared: Sequence[DeclaredProcess]) ->
         for number in sorted(set(group))
     }
     last = {max(places[process.name] for process in own): own for own in members.values()}
-    return tuple(_together(last[place]) for place in sorted(last))
+    return tuple(together(last[place]) for place in sorted(last))
 
 
-def _together(members: Sequence[Process]) -> Process:
+def together(members: Sequence[Process]) -> Process:
+    """Return one process that does what some do side by side; the last of them names it."""
     if len(members) == 1:
         return members[0]
     actions = dict.fromkeys(command.action for process in members for command in process.commands)

@@ -10,8 +10,7 @@ import numpy as np
 from merap.concerns.case_study import CaseStudy
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import GymnasiumSpec, HttpSpec, LiveSpec
-from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.systems.description import Interface
+from merap.systems.description import Interface, ShownVariable, shown_variables
 from merap.systems.interface import ManagedSystem
 from merap.systems.renumbered import RenumberedSystem
 from merap.systems.served_dialect import open_served
@@ -34,10 +33,11 @@ def connected(scenario: Scenario, case: CaseStudy, episodes: int = 0) -> Iterato
     if episodes >= scenario.spec.episodes:
         yield None
         return
-    variables = (*case.space.variable_names, MODE_VARIABLE)
+    variables = shown_variables(case.combination_at(0).program)
     if isinstance(spec, HttpSpec):
+        names = [variable.name for variable in variables]
         with scenario.document.at("system"):
-            remote = open_served(spec.url, timeout=spec.timeout, actions=case.actions, variables=variables)
+            remote = open_served(spec.url, timeout=spec.timeout, actions=case.actions, variables=names)
         with remote:
             _require_horizon(scenario, live_horizon(spec, case), remote.interface)
             yield remote
@@ -53,7 +53,7 @@ def _environment(
     scenario: Scenario,
     spec: GymnasiumSpec,
     actions: tuple[str, ...],
-    variables: tuple[str, ...],
+    variables: tuple[ShownVariable, ...],
     episodes: int,
 ) -> Iterator[ManagedSystem]:
     seed = int(np.random.SeedSequence([scenario.spec.seed, episodes]).generate_state(1)[0])
@@ -65,7 +65,11 @@ def _environment(
         shown = [variable.name for variable in environment.interface.variables]
         with scenario.document.at("system"):
             system = RenumberedSystem(
-                environment, shown, actions=actions, variables=variables, constant=MODE_VARIABLE
+                environment,
+                shown,
+                actions=actions,
+                variables=[variable.name for variable in variables],
+                constants={one.name: one.low for one in variables if one.low == one.high},
             )
         yield system
 

@@ -194,6 +194,8 @@ class Program:
             where they begin.
         location: the variables that hold the location together: row and column, or one number.
         definitions: names that text uses for parts of the program's expressions.
+        monitors: the variables that the objective owns: they watch the steps, and move nothing.
+        flag: the monitor that only tells whether a step has completed the task; None: there is none.
     """
 
     name: str
@@ -203,11 +205,23 @@ class Program:
     initial_predicate: Expression | None = None
     location: tuple[str, ...] = ()
     definitions: Mapping[str, Expression] = field(default_factory=dict)
+    monitors: frozenset[str] = frozenset()
+    flag: str | None = None
 
     @cached_property
     def variables(self) -> tuple[StateVariable, ...]:
         """All variables, in the order of the processes."""
         return tuple(variable for process in self.processes for variable in process.variables)
+
+    @cached_property
+    def moving(self) -> tuple[Process, ...]:
+        """The processes that are more than monitors: environment and capability alone, which nothing ends."""
+        return tuple(
+            process
+            for process in self.processes
+            if process.concern != "objective"
+            or any(variable.name not in self.monitors for variable in process.variables)
+        )
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
@@ -220,6 +234,31 @@ class Program:
                 if command.action is not None
             )
         )
+
+
+def started_at(program: Program, values: Mapping[str, int]) -> Program:
+    """Return the program with one initial state.
+
+    Args:
+        program: any.
+        values: of all its variables; false counts as 0, named values by their numbers.
+    """
+    return replace(
+        program,
+        processes=tuple(
+            replace(
+                process,
+                initial=(
+                    InitialValues(
+                        Constant(Fraction(1)),
+                        {one.name: Constant(Fraction(values[one.name])) for one in process.variables},
+                    ),
+                ),
+            )
+            for process in program.processes
+        ),
+        initial_predicate=None,
+    )
 
 
 def closed(program: Program, values: Mapping[str, Value]) -> Program:

@@ -1,7 +1,4 @@
-"""Violations of a system that is really met: counted from outside, whoever acts.
-
-Axes: P locations, Q modes.
-"""
+"""Violations of a system that is really met: counted from outside, whoever acts."""
 
 from __future__ import annotations
 
@@ -9,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from merap.concerns.combination import DeclaredCombination
-from merap.concerns.steps import holds_in_states
-from merap.mdp.model import Bools
 from merap.shield.shield import ShieldReport
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
@@ -61,25 +55,15 @@ def total(found: Sequence[Safety]) -> dict[str, Any]:
     return {**sums, "shield": {"threshold": shields[0].threshold, **counts, "worst_risk": worst}}
 
 
-def unsafe_of(system: DeclaredCombination) -> Bools | None:
-    """bool [P * Q], where a system's objective says so, by location and mode; None: it says nothing."""
-    condition = system.objective.unsafe
-    return None if condition is None else holds_in_states(system, condition)
-
-
 class Supervised:
     """A simulated system whose violations are counted; see `systems.ManagedSystem`.
 
-    The simulation knows where it is also when the task is complete, which an observation doesn't tell.
-
     Args:
         system: what is met, made from a combination.
-        unsafe: bool [P * Q].
     """
 
-    def __init__(self, system: SimulatedSystem, unsafe: Bools) -> None:
+    def __init__(self, system: SimulatedSystem) -> None:
         self._system = system
-        self._unsafe = unsafe
         self._episodes = self._violations = self._completed = 0
         self._violated = False
 
@@ -101,7 +85,7 @@ class Supervised:
         return observation
 
     def _seen(self, observation: Observation) -> Observation:
-        if not self._violated and self._unsafe[self._system.standing]:
+        if not self._violated and self._system.unsafe:
             self._violated = True
             self._violations += 1
         return observation

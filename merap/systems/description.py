@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination
-from merap.mdp.canonical import ABSORBING_VALUE
-from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.concerns.combination import Combination
+from merap.program.form import Program
 from merap.systems.interface import Observation, SystemFault
+from merap.systems.places import spatial
 
 Json = dict[str, Any]
 MAX_NAMES = 10_000
@@ -33,13 +33,15 @@ class ShownVariable:
         name: name of the variable.
         low: its least value.
         high: its greatest value.
-        names: names of its values from 0 on; None: they are numbers.
+        names: names of its values from `low` on; None: they are numbers.
+        boolean: whether it is true or false, 1 or 0; JSON has it so.
     """
 
     name: str
     low: int
     high: int
     names: tuple[str, ...] | None = None
+    boolean: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,24 +63,44 @@ class Interface:
     horizon: int | None = None
 
 
-def interface_of(combination: DeclaredCombination, *, detect: bool) -> Interface:
-    """Describe a simulated combination; the variables of a completed task are -1.
+def interface_of(combination: Combination, *, detect: bool) -> Interface:
+    """Describe a simulated combination.
 
     Args:
         combination: the simulated one.
         detect: whether its detectors are read.
     """
-    space = combination.space
-    highest = [size - 1 for size in space.shape or (space.num_locations,)]
-    places = space.locations if space.shape is None and space.num_locations <= MAX_NAMES else None
-    located = [
-        ShownVariable(name, ABSORBING_VALUE, high, places)
-        for name, high in zip(space.variable_names, highest, strict=True)
-    ]
-    mode = ShownVariable(MODE_VARIABLE, ABSORBING_VALUE, len(combination.modes) - 1, combination.modes)
-    detectors = tuple(detector.name for detector in space.detectors) if detect else ()
-    horizon = combination.objective.horizon
-    return Interface(combination.name, combination.actions, (*located, mode), detectors, horizon)
+    located = spatial(combination)
+    return Interface(
+        system=combination.name,
+        actions=combination.actions,
+        variables=shown_variables(combination.program),
+        detectors=tuple(one.name for one in located.space.detectors) if detect and located else (),
+        horizon=combination.objective.horizon,
+    )
+
+
+def shown_variables(program: Program) -> tuple[ShownVariable, ...]:
+    """Return the variables that a simulated program shows, in the order of its valuations."""
+    return tuple(
+        ShownVariable(
+            variable.name,
+            variable.low,
+            variable.high,
+            variable.values if 0 < len(variable.values) <= MAX_NAMES else None,
+            variable.kind == "bool",
+        )
+        for variable in program.variables
+        if variable.name != program.flag
+    )
+
+
+def in_words(variable: ShownVariable, value: int) -> bool | int | str:
+    """Return a value by its name, as true or false, or as it is."""
+    if variable.boolean:
+        return bool(value)
+    named = variable.names is not None and variable.low <= value <= variable.high
+    return variable.names[value - variable.low] if variable.names is not None and named else value
 
 
 def is_finite(value: object) -> bool:
@@ -120,7 +142,7 @@ def monitor_schema(interface: Interface) -> Json:
     limit = {} if interface.horizon is None else {"maximum": interface.horizon}
     return _object(
         {
-            "valuation": _object({variable.name: _integer(variable) for variable in interface.variables}),
+            "valuation": _object({variable.name: _values(variable) for variable in interface.variables}),
             "enabled": {
                 "type": "array",
                 "items": {"enum": action_names},
@@ -187,17 +209,19 @@ def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, A
         system=name,
         actions=_names(options["action"]["values"]),
         variables=tuple(
-            ShownVariable(
-                str(variable),
-                int(entry["minimum"]),
-                int(entry["maximum"]),
-                _names(entry["names"]) if "names" in entry else None,
-            )
+            _read_variable(str(variable), entry)
             for variable, entry in properties["valuation"]["properties"].items()
         ),
         detectors=tuple(properties["detections"]["properties"]),
         horizon=properties["step"].get("maximum"),
     )
+
+
+def _read_variable(name: str, entry: Mapping[str, Any]) -> ShownVariable:
+    if entry["type"] == "boolean":
+        return ShownVariable(name, 0, 1, boolean=True)
+    names = _names(entry["names"]) if "names" in entry else None
+    return ShownVariable(name, int(entry["minimum"]), int(entry["maximum"]), names)
 
 
 def _names(values: Any) -> tuple[str, ...]:
@@ -220,7 +244,9 @@ def _described(kind: str, description: str, **more: Any) -> Json:
     return {"type": kind, "description": description, **more}
 
 
-def _integer(variable: ShownVariable) -> Json:
+def _values(variable: ShownVariable) -> Json:
+    if variable.boolean:
+        return {"type": "boolean"}
     entry: Json = {"type": "integer", "minimum": variable.low, "maximum": variable.high}
     if variable.names is not None:
         entry["names"] = list(variable.names)

@@ -21,7 +21,6 @@ import numpy as np
 
 from merap.errors import InputError, MerapError, shortened
 from merap.masking import masked, secrets_in
-from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import make_environment
 from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
@@ -44,7 +43,7 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
     variables and actions of that model, so a strategy for the model manages them, unless a wrapper
     may have changed observations or actions (see `changing_wrapper`). Others show a variable for each
     number of their observation, named by the key of a `Dict`. Terminated is a
-    completed task, whose variables are -1; truncated is truncated.
+    completed task; truncated is truncated.
 
     Warnings of the environment are logged, each message once.
 
@@ -147,10 +146,7 @@ class GymnasiumSystem(AbstractContextManager["GymnasiumSystem"]):
         terminated, truncated = _flag("terminated", ends[0]), _flag("truncated", ends[1])
         self._over = terminated or truncated
         valuation, earned = self._view.valuation(seen), _real(reward)
-        if terminated:
-            valuation, self._enabled = np.full_like(valuation, ABSORBING_VALUE), np.zeros_like(self._enabled)
-        else:
-            self._enabled = self._mask(info, last=truncated)
+        self._enabled = np.zeros_like(self._enabled) if terminated else self._mask(info, last=truncated)
         return Observation(
             valuation=valuation,
             enabled=self._enabled,
@@ -276,6 +272,6 @@ def _tabular(env: gymnasium.Env[Any, Any]) -> tuple[tuple[str, ...], Ints, tuple
 
 def _variables(names: tuple[str, ...], table: Ints) -> tuple[ShownVariable, ...]:
     return tuple(
-        ShownVariable(name, ABSORBING_VALUE, int(high))
-        for name, high in zip(names, table.max(axis=0), strict=True)
+        ShownVariable(name, int(low), int(high))
+        for name, low, high in zip(names, table.min(axis=0), table.max(axis=0), strict=True)
     )

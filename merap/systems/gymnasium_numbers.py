@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from merap.errors import InputError, shortened
-from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.gymnasium_spaces import gymnasium
 from merap.mdp.model import Ints
 from merap.systems.description import MAX_NAMES, ShownVariable
@@ -55,7 +54,7 @@ def _variables(prefix: str, space: gymnasium.Space[Any], env: str) -> Iterator[S
     low, high = _bounds(space, env)
     for index, (least, greatest) in enumerate(zip(low.ravel(), high.ravel(), strict=True)):
         name = prefix if isinstance(space, spaces.Discrete) else _joined(prefix, index)
-        yield ShownVariable(name, min(int(least), ABSORBING_VALUE), int(greatest))
+        yield ShownVariable(name, int(least), int(greatest))
 
 
 def _numbers(place: str, space: gymnasium.Space[Any], seen: Any) -> Iterator[int]:

@@ -5,13 +5,12 @@ Axes: A actions, V state variables.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from merap.errors import InputError, listed
-from merap.mdp.canonical import ABSORBING_VALUE
 from merap.systems.interface import ManagedSystem, Observation
 
 MAX_LISTED = 20
@@ -25,7 +24,7 @@ class RenumberedSystem:
         shown: names of its variables, in the order of its valuations.
         actions: A names, in the order of the manager.
         variables: V names, in the order of the manager.
-        constant: one of these, a variable that the system need not have: it is 0 until the task is complete.
+        constants: variables among these that the system need not have -> their only value.
 
     Raises:
         InputError: the system has other actions or variables.
@@ -38,9 +37,9 @@ class RenumberedSystem:
         *,
         actions: Sequence[str],
         variables: Sequence[str],
-        constant: str,
+        constants: Mapping[str, int],
     ) -> None:
-        known = [name for name in variables if name != constant or constant in shown]
+        known = [name for name in variables if name not in constants or name in shown]
         for kind, wanted, found in (("actions", actions, system.actions), ("variables", known, shown)):
             if sorted(wanted) != sorted(found):
                 raise InputError(
@@ -49,7 +48,9 @@ class RenumberedSystem:
         self._system = system
         self._actions = tuple(actions)
         self._theirs = np.array([system.actions.index(name) for name in actions])
-        self._columns = np.array([shown.index(name) if name in shown else -1 for name in variables])
+        missing = [name for name in variables if name not in shown]
+        self._missing = [constants[name] for name in missing]
+        self._columns = np.array([[*shown, *missing].index(name) for name in variables])
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -67,8 +68,7 @@ class RenumberedSystem:
         return self._renumbered(self._system.step(int(self._theirs[action])))
 
     def _renumbered(self, observation: Observation) -> Observation:
-        missing = ABSORBING_VALUE if observation.continuation == 0 else 0
-        values = np.append(observation.valuation, missing)
+        values = np.concatenate([observation.valuation, np.array(self._missing, dtype=np.int64)])
         taken = observation.taken
         return replace(
             observation,

@@ -1,11 +1,12 @@
 """Lead a system back to a location by its own moves, in the fewest expected steps.
 
-Axes: P locations, Q modes, C choices. State (p, q) has index p * Q + q.
+Axes: S states of environment and capability, C choices.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,88 +14,81 @@ from merap.concerns.combination import DeclaredCombination
 from merap.errors import EngineError, InputError
 from merap.mdp.csr import first_match, row_best
 from merap.mdp.graph import surely_reaching
-from merap.mdp.model import Ints, TabularMDP
-from merap.mdp.reserved_names import END_ACTION
-from merap.mdp.simulation import simulator
+from merap.mdp.model import Bools, Ints, TabularMDP
+from merap.program.form import Program
+from merap.systems.places import location_in, locations_in
+from merap.systems.world import KEPT, ProgramWorlds, Values, World
 
 PRECISION = 1e-9
 MAX_SWEEPS = 1_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class ReturnPolicy:
-    """A policy that leads to a location almost surely.
-
-    Attributes:
-        location: where it leads.
-        choice: int64 [P * Q], the choice taken in each state; -1 where it can't lead there.
-    """
-
-    location: int
-    choice: Ints
-
-
-def return_policy(pair: TabularMDP, location: int) -> ReturnPolicy:
+def return_policy(model: TabularMDP, target: Bools) -> Ints:
     """Solve the stochastic shortest path (Bertsekas and Tsitsiklis 1991), every step of cost 1.
 
     Args:
-        pair: environment and capability, from `synthesise_pair` or `slipping_pair`.
-        location: index of the target, in any mode.
+        model: of environment and capability.
+        target: bool [S], where it leads.
+
+    Returns:
+        int64 [S], the choice taken in each state; -1 where no policy is sure to get there.
 
     Raises:
         EngineError: a million sweeps of value iteration are not enough.
     """
-    num_modes = int(pair.valuations[:, -1].max()) + 1
-    target = np.arange(pair.num_states) // num_modes == location
-    inside = surely_reaching(pair, target)
-    leaving = np.bincount(pair.branch_choice[~inside[pair.branch_target]], minlength=pair.num_choices) > 0
-    refused = leaving | (pair.choice_action == pair.action_names.index(END_ACTION))
-    steps = np.zeros(pair.num_states)
+    inside = surely_reaching(model, target)
+    refused = np.bincount(model.branch_choice[~inside[model.branch_target]], minlength=model.num_choices) > 0
+    steps = np.zeros(model.num_states)
     for _ in range(MAX_SWEEPS):
-        of_choices = np.where(refused, np.inf, 1 + pair.transitions @ steps)
-        best = row_best(of_choices, pair.state_to_choice, maximise=False)
+        of_choices = np.where(refused, np.inf, 1 + model.transitions @ steps)
+        best = row_best(of_choices, model.state_to_choice, maximise=False)
         following = np.where(inside & ~target, best, 0.0)
         settled = np.abs(following - steps).max() <= PRECISION
         steps = following
         if settled:
-            choice = first_match(of_choices, best, pair.choice_state)
-            return ReturnPolicy(location, np.where(inside, choice, -1))
-    raise EngineError(f"the way back to location {location} is not found after {MAX_SWEEPS} sweeps")
+            return np.where(inside, first_match(of_choices, best, model.choice_state), -1)
+    raise EngineError(f"the way back is not found after {MAX_SWEEPS} sweeps")
 
 
 class ReturnTrips:
-    """Draw trips back to a location, each by the policy that is best for it.
+    """Draw trips back to a location, each by the policy that is best for it; no objective ends them.
 
     Args:
-        combination: for its names.
-        pair: its environment and capability, slip included.
+        combination: for its space.
+        program: its program, slip included.
     """
 
-    def __init__(self, combination: DeclaredCombination, pair: TabularMDP) -> None:
+    def __init__(self, combination: DeclaredCombination, program: Program) -> None:
         self._combination = combination
-        self._pair = pair
-        self._simulator = simulator([pair])
-        self._policies: dict[int, ReturnPolicy] = {}
+        alone = replace(program, processes=program.moving, labels={}, rewards={})
+        self._worlds = ProgramWorlds(alone, combination.actions, reward=None, may_stick=True)
+        self._policy = lru_cache(maxsize=KEPT)(self._solved)
 
-    def travel(self, state: int, location: int, generator: np.random.Generator) -> int:
-        """Draw a trip from a state (p, q) to a location, and return its number of steps.
+    def travel(self, here: Values, there: Values, generator: np.random.Generator) -> int:
+        """Draw a trip from a state to the location of another, and return its number of steps.
 
         Raises:
             InputError: the system can't be sure to get there.
         """
-        if location not in self._policies:
-            self._policies[location] = return_policy(self._pair, location)
-        policy = self._policies[location]
-        num_modes = len(self._combination.modes)
-        if policy.choice[state] < 0:
+        world = self._worlds.holding(here)
+        start = location_in(self._combination, there)
+        arrived, choice = self._policy(world, start)
+        state = world.number(here)
+        assert state is not None
+        if choice[state] < 0:
             names = self._combination.space.locations
             raise InputError(
-                f"the system can't get back from {names[state // num_modes]} to its start {names[location]} "
-                "by its own moves; reset it by `none` or `episodes`"
+                f"the system can't get back from {names[location_in(self._combination, here)]} to its start "
+                f"{names[start]} by its own moves; reset it by `none` or `episodes`"
             )
         steps = 0
-        while state // num_modes != location:
-            branch = self._simulator.successors.draw(int(policy.choice[state]), generator.random())
-            state = int(self._simulator.target[branch])
+        while not arrived[state]:
+            branch = world.simulator.successors.draw(int(choice[state]), generator.random())
+            state = int(world.simulator.target[branch])
             steps += 1
         return steps
+
+    def _solved(self, world: World, location: int) -> tuple[Bools, Ints]:
+        """Return bool [S], the states in a location, and the policy that leads there."""
+        arrived = locations_in(self._combination, world.model) == location
+        return arrived, return_policy(world.model, arrived)

@@ -115,9 +115,9 @@ class ServedSystem:
         """Show the observation now; see `description.monitor_schema`."""
         self._catch_up()
         seen = self._seen
-        names = (variable.name for variable in self.interface.variables)
+        valued = zip(self.interface.variables, seen.valuation.tolist(), strict=True)
         return {
-            "valuation": dict(zip(names, seen.valuation.tolist(), strict=True)),
+            "valuation": {one.name: bool(value) if one.boolean else value for one, value in valued},
             "enabled": [self.interface.actions[index] for index in np.flatnonzero(seen.enabled)],
             "reward": float(seen.reward),
             "continuation": float(seen.continuation),

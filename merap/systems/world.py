@@ -1,96 +1,141 @@
-"""Turn a model into a simulation: a canonical one, or a combination whose location is always known.
+"""The states and steps of a simulated system: of a model, or of a program by its definition.
 
-Axes: S states, V state variables, P locations, Q modes.
+Axes: S states, V state variables, U variables of the whole state: the V that are seen and, where there is
+one, the flag that an action has completed the task.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination
-from merap.concerns.steps import holds_in_states
-from merap.concerns.synthesis import attach_everywhere
-from merap.mdp.canonical import ABSORBING_VALUE
+from merap.errors import ModelError
+from merap.mdp.alignment import align_actions
 from merap.mdp.model import Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.simulation import Simulator, simulator
-from merap.systems.return_policy import ReturnTrips
-from merap.systems.slip import slipping_pair
+from merap.program.arrays import tabular
+from merap.program.exploration import explore
+from merap.program.form import Program, started_at
+
+# Worlds that are kept of those that begin in a state that the first one lacks.
+KEPT = 64
+# The action of states in which nothing is possible, where these are allowed.
+STUCK = "stuck"
+# Name of a variable -> its value in a whole state.
+Values: TypeAlias = Mapping[str, int]
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """The model and the sampler that draw the steps of a simulated system.
+    """A model whose steps can be drawn.
 
     Attributes:
-        model: whose states are those of the simulation.
-        simulator: simulator of the model.
-        valuations: int64 [S, V], the valuation seen in each state.
-        canonical: int64 [S], its number on the canonical index of the case.
+        model: whose states are those of the simulation, valuations [S, U].
+        simulator: of the model.
+        shown: int64 [S, V], the values that are seen in each state.
     """
 
     model: TabularMDP
     simulator: Simulator
-    valuations: Ints
-    canonical: Ints
+    shown: Ints
+
+    def number(self, values: Values) -> int | None:
+        """Return the number of a state; None: it is not among the states."""
+        wanted = [values[name] for name in self.model.variable_names]
+        found = np.flatnonzero((self.model.valuations == wanted).all(axis=1))
+        return int(found[0]) if len(found) else None
+
+    def values(self, state: int) -> Values:
+        """Return the values of all variables in a state."""
+        return dict(zip(self.model.variable_names, self.model.valuations[state].tolist(), strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class LocatedWorld(World):
-    """A world where the system has a location; state (p, q, done) has number 2 * (p * Q + q) + done.
+class Worlds(Protocol):
+    """The worlds in which a system can be: they differ in the states that they hold."""
 
-    Attributes:
-        combination: the configurations that are there.
-        return_trips: the ways back to a start.
-    """
+    @property
+    def started(self) -> World:
+        """All states that are reachable from where an episode begins."""
 
-    combination: DeclaredCombination
-    return_trips: ReturnTrips
+    def holding(self, values: Values) -> World:
+        """Return a world with a state, and all states that are reachable from there.
 
-    def located(self, state: int) -> tuple[int, int]:
-        """Return location and mode of a state."""
-        return divmod(state // 2, len(self.combination.modes))
-
-    def beginning(self, location: int) -> int:
-        """Return the state in which a task begins at a location."""
-        return 2 * (location * len(self.combination.modes) + self.combination.capability.initial_mode)
-
-    def allows(self, state: int, other: DeclaredCombination) -> bool:
-        """Tell whether a system that is in a state can go on under another combination."""
-        location, _ = self.located(state)
-        if other.environment.blocked[location] or other.capability.no_entry[location]:
-            return False
-        ends_in = other.objective.ends_in
-        under_way = not self.simulator.completed[state]
-        return not (under_way and ends_in is not None and holds_in_states(other, ends_in)[state // 2])
+        Raises:
+            MerapError: there is no such world.
+        """
 
 
-def canonical_world(model: TabularMDP) -> World:
-    """Simulate a model on its canonical index; where a task is complete no location is known.
+class ModelWorlds:
+    """A model as it is.
+
+    Args:
+        model: the model.
 
     Raises:
         ModelError: see `simulator`.
     """
-    return World(model, simulator([model]), model.valuations, np.arange(model.num_states))
+
+    def __init__(self, model: TabularMDP) -> None:
+        self.started = World(model, simulator([model]), model.valuations)
+
+    def holding(self, values: Values) -> World:
+        """Return the model's only world; see `Worlds`."""
+        if self.started.number(values) is None:
+            raise ModelError(f"the model has no state {dict(values)}")
+        return self.started
 
 
-def located_world(combination: DeclaredCombination, slip: float) -> LocatedWorld:
-    """Simulate a combination by its definition: rewards are those of each single step, not expected ones.
+class ProgramWorlds:
+    """A program by its definition, explored from wherever the system is.
 
     Args:
-        combination: the true one.
-        slip: the probability that an action does nothing.
-
-    Raises:
-        InputError: the probability is not in [0, 1).
-        ModelError: a reachable state has no action, or a task begins completed.
+        program: closed.
+        action_names: in the order in which actions are numbered.
+        reward: the reward structure, of each single step; None: no rewards.
+        may_stick: whether nothing need be possible in some states; else they are refused.
     """
-    pair = slipping_pair(combination, slip)
-    whole = attach_everywhere(pair, combination)
-    done = whole.labels[COMPLETE_LABEL]
-    seen = np.where(done[:, np.newaxis], ABSORBING_VALUE, whole.valuations[:, :-1])
-    seen.flags.writeable = False
-    number = np.where(done, pair.num_states, np.arange(whole.num_states) // 2)
-    return LocatedWorld(whole, simulator([whole]), seen, number, combination, ReturnTrips(combination, pair))
+
+    def __init__(
+        self, program: Program, action_names: Sequence[str], *, reward: str | None, may_stick: bool = False
+    ) -> None:
+        self._program = program
+        self._reward = reward
+        self._deadlock = STUCK if may_stick else None
+        self._action_names = (*action_names, STUCK) if may_stick else tuple(action_names)
+        self._elsewhere = lru_cache(maxsize=KEPT)(self._explored_from)
+
+    @cached_property
+    def started(self) -> World:
+        """See `Worlds`.
+
+        Raises:
+            ModelError: nothing is possible in a state, or a task begins completed.
+        """
+        return self._explored(self._program)
+
+    def holding(self, values: Values) -> World:
+        """See `Worlds`.
+
+        Raises:
+            ModelError: nothing is possible in a state, or the state is completed.
+            InputError: the program has no such state.
+        """
+        if self.started.number(values) is not None:
+            return self.started
+        return self._elsewhere(tuple(values[one.name] for one in self._program.variables))
+
+    def _explored_from(self, state: tuple[int, ...]) -> World:
+        names = (one.name for one in self._program.variables)
+        return self._explored(started_at(self._program, dict(zip(names, state, strict=True))))
+
+    def _explored(self, program: Program) -> World:
+        found = tabular(program, explore(program), reward=self._reward, deadlock=self._deadlock)
+        number = align_actions(found, self._action_names)
+        model = replace(found, action_names=self._action_names, choice_action=number[found.choice_action])
+        shown = model.valuations[:, [name != program.flag for name in model.variable_names]]
+        shown.flags.writeable = False
+        return World(model, simulator([model]), shown)
