@@ -256,8 +256,9 @@ def _state(valuation: Sequence[int], case: CaseStudy | None) -> str:
     if case is None:
         return " ".join(map(str, valuation))
     variables = shown_variables(case.combination_at(0).program)
-    values = ((one.name, in_words(one, value)) for one, value in zip(variables, valuation, strict=True))
-    return " ".join(f"{name}={str(value).lower() if value is True or value is False else value}" for name, value in values)
+    return " ".join(
+        f"{one.name}={in_words(one, value)}" for one, value in zip(variables, valuation, strict=True)
+    )
 
 
 def _finished(row: RunRow) -> str:

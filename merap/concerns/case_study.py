@@ -23,10 +23,12 @@ from merap.concerns.combination import (
     Environment,
     Objective,
 )
+from merap.concerns.document import Document, KeyPath
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.loading import check_at_load, digest, make_resolvers, make_supports, read_case
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_space import resolve_space
+from merap.concerns.schema import SystemSpec
 from merap.concerns.space import Space
 from merap.concerns.supports import DeclaredSupports, Supports
 from merap.concerns.systems import SystemReader
@@ -113,6 +115,25 @@ class CaseStudy(ShortRepr, ABC):
 
         Raises:
             InputError: a configuration can't be resolved, or the three do not fit together.
+        """
+
+    @property
+    @abstractmethod
+    def online(self) -> Mapping[str, SystemSpec]:
+        """Name -> how the case file describes a system that is met online."""
+
+    @abstractmethod
+    def met(self, name: str, spec: SystemSpec, document: Document, place: KeyPath) -> Combination:
+        """A system that another document describes, as a scenario does.
+
+        Args:
+            name: of the system.
+            spec: its description.
+            document: where it stands.
+            place: in the document.
+
+        Raises:
+            InputError: a configuration, parameter or location is unknown, or the start is closed.
         """
 
     def sample(self, count: int, generator: np.random.Generator | int) -> list[Combination]:
@@ -206,6 +227,15 @@ class DeclaredCase(CaseStudy):
     closing: Closing = field(repr=False)
     check_pair: Callable[[Environment, Capability], None] = field(repr=False)
     read_system: SystemReader = field(repr=False)
+
+    @property
+    def online(self) -> Mapping[str, SystemSpec]:
+        """See `CaseStudy`."""
+        return self.read_system.spec.online
+
+    def met(self, name: str, spec: SystemSpec, document: Document, place: KeyPath) -> DeclaredCombination:
+        """See `CaseStudy`."""
+        return self.read_system.placed(document, place)(name, spec)
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
         """See `CaseStudy`."""

@@ -88,16 +88,15 @@ class Scenario:
             raise self.document.error(("system",), "the system is not simulated; expected one of the case")
         if isinstance(given, SystemSpec):
             return given
-        declared = case.read_system.spec.online
-        if given in declared:
-            return declared[given]
+        if given in case.online:
+            return case.online[given]
         with self.document.at("system"):
             combination = _known(case, given)
         return SystemSpec(**{concern: getattr(combination, concern).name for concern in CONCERNS})
 
     def _read(self, case: CaseStudy, spec: SystemSpec, number: int, path: KeyPath) -> Combination:
         with self.document.at(*path):
-            return case.read_system.placed(self.document, path)(f"stage_{number}", spec)
+            return case.met(f"stage_{number}", spec, self.document, path)
 
     def action(self, case: CaseStudy) -> int | None:
         """Return the number of the fallback action; None if none is declared.

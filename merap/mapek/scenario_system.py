@@ -17,8 +17,9 @@ from merap.mapek.scenario_schema import NoiseSpec
 from merap.strategies.ground_truth import GroundTruth, ground_truth
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
+from merap.systems.world import Values
 
-# Number of places for which the ground truth of an episode that begins there is kept.
+# Number of states for which the ground truth of an episode that begins there is kept.
 LASTING = 64
 
 
@@ -59,8 +60,8 @@ class ScenarioSystem:
         )
         self._goes_to_start = reset == "episodes"
         self._lasts = reset == "none"
-        self._begun: int | None = None
-        self._lasting = lru_cache(maxsize=LASTING)(lambda number, place: truths[number].starting(place))
+        self._begun: Values | None = None
+        self._lasting = lru_cache(maxsize=LASTING)(lambda number, state: truths[number].starting(dict(state)))
         self._noise = noise.reward
         self._generator = generator
         self._number = 0
@@ -93,7 +94,7 @@ class ScenarioSystem:
         """The system as it really is now, for an episode that begins where this one did."""
         if self._begun is None:
             return self._truths[self._number]
-        return self._lasting(self._number, self._begun)
+        return self._lasting(self._number, tuple(self._begun.items()))
 
     def begin(self, episode: int) -> None:
         """Begin the episode with this number, whether or not its reset gets here, and how often.
@@ -115,7 +116,7 @@ class ScenarioSystem:
         self._switch(goes_to_start=self._goes_to_start)
         observation = self._system.reset()
         if self._lasts:
-            self._begun = self._system.standing
+            self._begun = self._system.values
         return observation
 
     def step(self, action: int) -> Observation:
@@ -133,13 +134,12 @@ class ScenarioSystem:
 
     def _count(self, observation: Observation) -> None:
         before = self.tally
-        now = self._truths[self._number]
-        discount = now.system.discount
+        discount = self.stages[self._number].system.discount
         self.tally = Tally(
             steps=before.steps + 1,
             earned=before.earned + observation.reward,
             discounted=before.discounted + discount**before.steps * observation.reward,
-            unsafe=(before.unsafe or 0) + int(now.unsafe[self._system.standing]),
+            unsafe=(before.unsafe or 0) + int(self._system.unsafe),
             completed=observation.continuation == 0,
         )
 

@@ -1,23 +1,26 @@
 """A simulated system as it really is: for scores and reports, never for what manages it.
 
-Axes: S states of the canonical index (the completed state is the last), P locations, Q modes.
+Axes: S states of the index of the case.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from merap.concerns.combination import Combination
-from merap.mdp.model import Bools, Floats, TabularMDP
+from merap.families.build import canonical
+from merap.mdp.graph import restrict_to_reachable
+from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
 from merap.mdp.short_repr import ShortRepr
 from merap.shield.safe_optimum import SafeOptimum
-from merap.shield.supervision import unsafe_of
 from merap.strategies.evaluation import Range, evaluator, reachable_range
-from merap.systems.slip import slipping_model
+from merap.systems.simulated import true_worlds
+from merap.systems.world import Values, Worlds
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,22 +29,37 @@ class GroundTruth(ShortRepr):
 
     Attributes:
         system: the system.
-        model: its true model on the canonical index, slip included.
-        slip: probability that an action does nothing.
+        worlds: its states and steps, slip included.
+        place: puts a whole model on the index of the case.
         threshold: threshold of the shield; None: there is no shield.
-        place: location p and mode q in which an episode begins, as p * Q + q; None: as the objective says.
+        begun: the whole state in which an episode begins; None: as the objective says.
     """
 
     system: Combination
-    model: TabularMDP = field(repr=False)
-    slip: float = 0.0
+    worlds: Worlds = field(repr=False)
+    place: Callable[[TabularMDP], TabularMDP] = field(repr=False)
     threshold: float | None = None
-    place: int | None = None
+    begun: Values | None = None
 
     @property
     def horizon(self) -> int:
         """T, steps of an episode."""
         return self.system.objective.horizon
+
+    @cached_property
+    def whole(self) -> TabularMDP:
+        """The true model, with every variable, of the states that an episode can reach."""
+        if self.begun is None:
+            return self.worlds.started.model
+        world = self.worlds.holding(self.begun)
+        initial = np.zeros(world.model.num_states)
+        initial[world.number(self.begun)] = 1.0
+        return restrict_to_reachable(replace(world.model, initial=initial))
+
+    @cached_property
+    def model(self) -> TabularMDP:
+        """The true model on the index of the case."""
+        return self.place(self.whole)
 
     @cached_property
     def reachable(self) -> Range:
@@ -54,26 +72,21 @@ class GroundTruth(ShortRepr):
         return optimum(self.model, self.horizon, self.system.discount)
 
     @cached_property
-    def unsafe(self) -> Bools:
-        """bool [P * Q], by location and mode: unsafe by the system's objective."""
-        declared = unsafe_of(self.system)
-        return np.zeros(self.model.num_states - 1, dtype=np.bool_) if declared is None else declared
-
-    @cached_property
     def safe_optimum(self) -> SafeOptimum | None:
         """Value of the best policies within the threshold, the model known; None: there is no shield."""
-        if self.threshold is None:
-            return None
-        return SafeOptimum(self.system, self.slip, self.threshold, self.place)
+        return None if self.threshold is None else SafeOptimum(self.whole, self.horizon, self.threshold)
 
     def value(self, policy: Floats) -> float:
         """Return the expected undiscounted return of a policy, float64 [S, A] or [T, S, A]."""
         return evaluator(self.model, self.horizon)(policy)
 
-    def starting(self, place: int) -> GroundTruth:
-        """Return the same for an episode that begins in location p and mode q, `place` being p * Q + q."""
-        initial = np.eye(1, self.model.num_states, place)[0]
-        return replace(self, model=replace(self.model, initial=initial), place=place)
+    def starting(self, values: Values) -> GroundTruth:
+        """Return the same for an episode that begins in a whole state.
+
+        Raises:
+            MerapError: no episode can begin there.
+        """
+        return replace(self, begun=values)
 
 
 def ground_truth(system: Combination, slip: float = 0.0, threshold: float | None = None) -> GroundTruth:
@@ -87,4 +100,5 @@ def ground_truth(system: Combination, slip: float = 0.0, threshold: float | None
     Raises:
         InputError: a reachable state has no action; names it. The probability is not in [0, 1).
     """
-    return GroundTruth(system, slipping_model(system, slip), slip, threshold)
+    worlds = true_worlds(system, slip)
+    return GroundTruth(system, worlds, lambda whole: canonical(system, whole), threshold)

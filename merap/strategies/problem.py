@@ -1,7 +1,4 @@
-"""Set an adaptation problem: a simulated system, its conditions, and the means of the strategy.
-
-Axes: P locations, Q modes.
-"""
+"""Set an adaptation problem: a simulated system, its conditions, and the means of the strategy."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ import numpy as np
 
 from merap.concerns.arguments import as_number
 from merap.concerns.combination import Combination, ResetMode
-from merap.families.build import model_of
 from merap.mdp.short_repr import ShortRepr
 from merap.runs.run_folder import RunFolder
 from merap.shield.learning_shield import ShieldSettings
@@ -86,7 +82,7 @@ class AdaptationProblem(ShortRepr):
 
     def supervised(self, simulated: SimulatedSystem) -> Supervised:
         """Count the violations of the simulated system; there are none if nothing is unsafe there."""
-        return Supervised(simulated, self.truth.unsafe)
+        return Supervised(simulated)
 
 
 def adaptation_problem(
@@ -100,9 +96,6 @@ def adaptation_problem(
     """Make the problem of adapting to a system; see `adaptation.adapt`."""
     given = replace(conditions, reset=conditions.reset or system.reset)
     threshold = None if shield is None else shield.threshold
-    if given.slip:
-        truth = ground_truth(system, given.slip, threshold)
-    else:
-        truth = GroundTruth(system, model_of(system), threshold=threshold)
+    truth = ground_truth(system, given.slip, threshold)
     context = StrategyContext(run, truth.horizon, system.discount, episodes_per_step, truth.model)
     return AdaptationProblem(truth, given, context, shield)

@@ -95,12 +95,13 @@ def shown_variables(program: Program) -> tuple[ShownVariable, ...]:
     )
 
 
-def in_words(variable: ShownVariable, value: int) -> bool | int | str:
-    """Return a value by its name, as true or false, or as it is."""
+def in_words(variable: ShownVariable, value: int) -> str:
+    """Return a value by its name, as `true` or `false`, or as the number that it is."""
     if variable.boolean:
-        return bool(value)
-    named = variable.names is not None and variable.low <= value <= variable.high
-    return variable.names[value - variable.low] if variable.names is not None and named else value
+        return "true" if value else "false"
+    if variable.names is None or not variable.low <= value <= variable.high:
+        return str(value)
+    return variable.names[value - variable.low]
 
 
 def is_finite(value: object) -> bool:
@@ -218,7 +219,7 @@ def read_interface(name: str, options: Mapping[str, Any], schema: Mapping[str, A
 
 
 def _read_variable(name: str, entry: Mapping[str, Any]) -> ShownVariable:
-    if entry["type"] == "boolean":
+    if entry.get("type") == "boolean":
         return ShownVariable(name, 0, 1, boolean=True)
     names = _names(entry["names"]) if "names" in entry else None
     return ShownVariable(name, int(entry["minimum"]), int(entry["maximum"]), names)

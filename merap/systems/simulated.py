@@ -232,7 +232,7 @@ class SimulatedSystem:
     def _made(self, model: TabularMDP | Combination) -> Worlds:
         if isinstance(model, TabularMDP):
             return ModelWorlds(model)
-        return ProgramWorlds(slipping(model.program, self._slip), model.action_names, reward="objective")
+        return true_worlds(model, self._slip)
 
     def _planned(self, model: Combination) -> ReturnTrips:
         located = spatial(model)
@@ -255,6 +255,15 @@ class SimulatedSystem:
             truncated=not completed and self._steps >= self._horizon,
             detections=seen,
         )
+
+
+def true_worlds(combination: Combination, slip: float) -> ProgramWorlds:
+    """Return the states and steps of a combination, with the reward of each single step.
+
+    Raises:
+        InputError: see `slipping`.
+    """
+    return ProgramWorlds(slipping(combination.program, slip), combination.action_names, reward="objective")
 
 
 def _begun_anew(model: TabularMDP | Combination) -> frozenset[str]:

@@ -17,7 +17,7 @@ from merap.concerns.case_study import CaseStudy
 from merap.mapek.managers import RandomStrategy
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
-from merap.shield.supervision import Safety, Supervised, total, unsafe_of
+from merap.shield.supervision import Safety, Supervised, total
 from merap.strategies.protocol import episode
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import Strategy
@@ -80,10 +80,9 @@ def _adapted(
     generator: np.random.Generator,
 ) -> tuple[Safety, list[float]]:
     combination = case.system(system)
-    horizon, unsafe = combination.objective.horizon, unsafe_of(combination)
-    assert unsafe is not None
+    horizon = combination.objective.horizon
     of_system, of_strategy = generator.spawn(2)
-    supervised = Supervised(SimulatedSystem(combination, horizon, of_system, detect=True), unsafe)
+    supervised = Supervised(SimulatedSystem(combination, horizon, of_system, detect=True))
     acting: Strategy
     if strategy == RANDOM:
         acting = RandomStrategy((space.num_states + 1, len(space.actions)), of_strategy)

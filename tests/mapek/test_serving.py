@@ -32,7 +32,7 @@ def test_a_combination_is_served_with_its_names(case: CaseStudy) -> None:
     assert served.interface.horizon == 40
     loc, mode = served.interface.variables
     assert loc.names == case.space.locations
-    assert (mode.names, mode.low, mode.high) == (("idle", "scanning", "scanned"), -1, 2)
+    assert (mode.names, mode.low, mode.high) == (("idle", "scanning", "scanned"), 0, 2)
     assert list(served.monitor()["detections"]) == ["lidar", "light_meter"]
 
 

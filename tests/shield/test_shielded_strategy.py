@@ -11,13 +11,12 @@ import pytest
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.combination import Condition
 from merap.mdp.model import Bools, Floats
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.models import model_sets
 from merap.shield.policy import policy_risk
 from merap.shield.shielded_strategy import ShieldedStrategy
-from merap.shield.supervision import Safety, Supervised, total, unsafe_of
+from merap.shield.supervision import Safety, Supervised, total
 from merap.strategies.protocol import episode
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
@@ -63,9 +62,7 @@ class Reckless:
 def met(name: str, strategy: Strategy, episodes: int, seed: int, system: str = "met") -> Safety:
     combination = shipped(name)[0].system(system)
     simulated = SimulatedSystem(combination, combination.objective.horizon, np.random.default_rng(seed))
-    unsafe = unsafe_of(combination)
-    assert unsafe is not None
-    supervised = Supervised(simulated, unsafe)
+    supervised = Supervised(simulated)
     for _ in range(episodes):
         episode(supervised, strategy)
         strategy.update()
@@ -164,19 +161,23 @@ def test_sums_over_adaptations() -> None:
 
 
 def test_nothing_is_unsafe_where_the_objective_says_nothing() -> None:
-    system = shipped("hazard-grid")[0].system("met")
-    assert unsafe_of(replace(system, objective=replace(system.objective, unsafe=None))) is None
+    case, space = shipped("hazard-grid")
+    system = case.system("met")
+    harmless = replace(system, objective=replace(system.objective, unsafe=None))
+    supervised = Supervised(SimulatedSystem(harmless, harmless.objective.horizon, np.random.default_rng(0)))
+    reckless = Reckless(space, np.random.default_rng(1))
+    for _ in range(12):
+        episode(supervised, reckless)
+    assert supervised.safety(None).violations == 0
 
 
 def test_a_task_that_ends_in_an_unsafe_state_is_a_violation() -> None:
     """Every hole ends the task: at random it is met with, as above; the last observation doesn't tell."""
     case, space = shipped("hazard-grid")
     system = case.system("met")
-    unsafe = unsafe_of(system)
-    assert unsafe is not None
-    ending = replace(system, objective=replace(system.objective, ends_in=Condition(at=unsafe)))
+    ending = replace(system, objective=replace(system.objective, ends_in=system.objective.unsafe))
     simulated = SimulatedSystem(ending, ending.objective.horizon, np.random.default_rng(0))
-    supervised = Supervised(simulated, unsafe)
+    supervised = Supervised(simulated)
     reckless = Reckless(space, np.random.default_rng(1))
     for _ in range(12):
         episode(supervised, reckless)

@@ -90,7 +90,7 @@ def test_the_best_policy_of_the_model_is_worth_the_same_in_the_environment() -> 
             found = system.step(int(best.actions[time, index(found)]))
             earned += found.reward
     assert (earned, found.continuation, found.truncated) == (1.0, 0.0, False)
-    assert found.valuation.tolist() == [-1, -1]
+    assert found.valuation.tolist() == [3, 3]
     assert not found.enabled.any()
 
 
@@ -120,12 +120,12 @@ def test_numbers_of_a_nested_observation_are_variables_in_the_order_of_the_space
     variables = {one.name: (one.low, one.high) for one in system.interface.variables}
     # Gymnasium sorts the keys of a Dict; -1 is the value of a completed task
     assert variables == {
-        "lamps_x0_x0": (-1, 1),
-        "lamps_x0_x1": (-1, 1),
-        "lamps_x1_x0": (-1, 9),
-        "place_x0": (-1, 2),
-        "place_x1": (-1, 3),
-        "time": (-1, 3),
+        "lamps_x0_x0": (0, 1),
+        "lamps_x0_x1": (0, 1),
+        "lamps_x1_x0": (5, 9),
+        "place_x0": (0, 2),
+        "place_x1": (0, 3),
+        "time": (0, 3),
     }
     assert system.reset().valuation.tolist() == [1, 0, 7, 1, 2, 0]
     assert system.step(0).valuation.tolist() == [1, 0, 7, 1, 2, 1]

@@ -97,7 +97,7 @@ def test_it_is_driven_to_its_goal() -> None:
             client.put("/execute", json={"action": action})
         monitored = client.get("/monitor").json()
     assert monitored == {
-        "valuation": {"row": -1, "col": -1, "mode": -1},
+        "valuation": {"row": 0, "col": 2, "mode": 0},
         "enabled": [],
         "reward": 10.0,
         "continuation": 0.0,
@@ -238,5 +238,5 @@ def test_a_system_that_fails_itself_is_unavailable() -> None:
         assert client.put("/execute", json={"action": "right"}).status_code == 200
         failed = client.put("/execute", json={"reset": True})
         assert failed.status_code == 503
-        assert failed.json()["error"].startswith("no task can begin at r0c1")
+        assert failed.json()["error"].startswith("no task can begin in state (row=0, col=1")
         assert client.get("/monitor").json()["continuation"] == 0

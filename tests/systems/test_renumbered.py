@@ -29,7 +29,7 @@ class Counter:
     def seen(self, action: int) -> Observation:
         over = self.steps == 2
         return Observation(
-            valuation=np.array([-1, -1] if over else [self.steps, action]),
+            valuation=np.array([self.steps, action]),
             enabled=np.array([True, False, False]),
             reward=float(action),
             continuation=float(not over),
@@ -43,17 +43,19 @@ def renumbered(
     actions: Sequence[str] = ("c", "a", "b"),
     variables: Sequence[str] = ("act", "count", "mode"),
 ) -> RenumberedSystem:
-    return RenumberedSystem(system, ("count", "act"), actions=actions, variables=variables, constant="mode")
+    return RenumberedSystem(
+        system, ("count", "act"), actions=actions, variables=variables, constants={"mode": 5}
+    )
 
 
 def test_actions_and_variables_have_the_order_of_the_manager() -> None:
     system = renumbered(Counter())
     assert system.actions == ("c", "a", "b")
-    assert system.reset().valuation.tolist() == [9, 0, 0]
+    assert system.reset().valuation.tolist() == [9, 0, 5]
     seen = system.step(0)  # c, their action 2
-    assert (seen.reward, seen.valuation.tolist()) == (2.0, [2, 1, 0])
+    assert (seen.reward, seen.valuation.tolist()) == (2.0, [2, 1, 5])
     assert seen.enabled.tolist() == [False, True, False]
-    assert system.step(1).valuation.tolist() == [-1, -1, -1]
+    assert system.step(1).valuation.tolist() == [0, 2, 5]
 
 
 def test_what_was_taken_instead_is_numbered_too() -> None:

@@ -46,8 +46,12 @@ def seen_along(simulated: SimulatedSystem, actions: list[int]) -> list[tuple[lis
 
 
 def test_a_combination_is_simulated_like_its_model() -> None:
+    """Where a task has ended is known of a combination, not of its model."""
     for actions in ([RIGHT, RIGHT, STOP], [RIGHT, RIGHT, LEFT], [STOP, UP, LEFT]):
-        assert seen_along(grid(), actions) == seen_along(canonical_system(), actions)
+        seen, of_model = seen_along(grid(), actions), seen_along(canonical_system(), actions)
+        assert [row[1:] for row in seen] == [row[1:] for row in of_model]
+        assert seen[:-1] == of_model[:-1]
+        assert seen[-1][0] == {STOP: [0, 2], LEFT: [0, 1]}[actions[-1]] if seen[-1][2] == 0 else [0, 0]
 
 
 def test_rewards_of_a_combination_are_those_of_the_single_step() -> None:
@@ -146,7 +150,9 @@ def test_a_place_where_every_task_is_complete_cannot_begin_one() -> None:
     simulated = SimulatedSystem(combination, HORIZON, np.random.default_rng(0), reset="none")
     simulated.reset()
     assert walk(simulated, [RIGHT, RIGHT]).continuation == 0
-    with pytest.raises(InputError, match="no task can begin at r0c2"):
+    with pytest.raises(
+        InputError, match=r"no task can begin in state \(row=0, col=2, .*, where the last"
+    ):
         simulated.reset()
 
 
@@ -194,14 +200,14 @@ def test_a_change_that_would_complete_the_task_where_it_is_does_not_fit() -> Non
     assert simulated.fits(ending)
 
 
-def test_its_state_is_numbered_on_the_canonical_index() -> None:
+def test_all_that_it_is_like_is_known_from_outside() -> None:
     simulated = grid()
-    assert simulated.state == -1
+    assert simulated.values is None
     simulated.reset()
     walk(simulated, [DOWN, RIGHT])
-    assert simulated.state == 10
+    assert simulated.values == {"row": 1, "col": 1, "mode": 0, "done": 0}
     walk(simulated, [UP, RIGHT, STOP])
-    assert simulated.state == 81
+    assert simulated.values == {"row": 0, "col": 2, "mode": 0, "done": 1}
 
 
 def test_a_snapshot_keeps_where_a_completed_task_has_ended() -> None:
