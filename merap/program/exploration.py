@@ -9,8 +9,9 @@ Axes: N states, B branches, V variables.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -111,6 +112,31 @@ def initial_states(program: Program, encoding: Encoding) -> tuple[Ints, Floats]:
         weights = (weights[:, None] * chances).ravel()
     distinct, inverse = np.unique(codes[weights > 0], return_inverse=True)
     return distinct, sum_by(inverse, weights[weights > 0], len(distinct))
+
+
+def started_at(program: Program, values: Mapping[str, int]) -> Program:
+    """Return the program with one initial state.
+
+    Args:
+        program: any.
+        values: of all its variables; false counts as 0, named values by their numbers.
+    """
+    return replace(
+        program,
+        processes=tuple(
+            replace(
+                process,
+                initial=(
+                    InitialValues(
+                        Constant(Fraction(1)),
+                        {one.name: Constant(Fraction(values[one.name])) for one in process.variables},
+                    ),
+                ),
+            )
+            for process in program.processes
+        ),
+        initial_predicate=None,
+    )
 
 
 def _code(encoding: Encoding, start: InitialValues) -> int:

@@ -236,31 +236,6 @@ class Program:
         )
 
 
-def started_at(program: Program, values: Mapping[str, int]) -> Program:
-    """Return the program with one initial state.
-
-    Args:
-        program: any.
-        values: of all its variables; false counts as 0, named values by their numbers.
-    """
-    return replace(
-        program,
-        processes=tuple(
-            replace(
-                process,
-                initial=(
-                    InitialValues(
-                        Constant(Fraction(1)),
-                        {one.name: Constant(Fraction(values[one.name])) for one in process.variables},
-                    ),
-                ),
-            )
-            for process in program.processes
-        ),
-        initial_predicate=None,
-    )
-
-
 def closed(program: Program, values: Mapping[str, Value]) -> Program:
     """Put the values of parameters into a program.
 

@@ -19,7 +19,6 @@ from merap.errors import InputError, warn_of
 from merap.families.build import cut_off_warnings
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
-from merap.mdp.reserved_names import UNSAFE_LABEL
 from merap.mdp.short_repr import ShortRepr
 from merap.runs.run_folder import RunFolder, as_run
 from merap.shield.learning_shield import ShieldSettings
@@ -194,7 +193,7 @@ def adapt_to(
         after=after[0],
         reasons=reasons,
         model=truth.model,
-        safety=safety if problem.shield is not None or UNSAFE_LABEL in truth.whole.labels else (),
+        safety=safety if problem.shield is not None or truth.declares_unsafe else (),
         within_shield=truth.safe_optimum,
     )
 

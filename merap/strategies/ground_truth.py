@@ -16,6 +16,7 @@ from merap.families.build import canonical
 from merap.mdp.graph import restrict_to_reachable
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
+from merap.mdp.reserved_names import UNSAFE_LABEL
 from merap.mdp.short_repr import ShortRepr
 from merap.shield.safe_optimum import SafeOptimum
 from merap.strategies.evaluation import Range, evaluator, reachable_range
@@ -60,6 +61,11 @@ class GroundTruth(ShortRepr):
     def model(self) -> TabularMDP:
         """The true model on the index of the case."""
         return self.place(self.whole)
+
+    @property
+    def declares_unsafe(self) -> bool:
+        """Whether the objective says that some states are unsafe."""
+        return UNSAFE_LABEL in self.whole.labels
 
     @cached_property
     def reachable(self) -> Range:

@@ -18,13 +18,11 @@ from merap.mdp.alignment import align_actions
 from merap.mdp.model import Ints, TabularMDP
 from merap.mdp.simulation import Simulator, simulator
 from merap.program.arrays import tabular
-from merap.program.exploration import explore
-from merap.program.form import Program, started_at
+from merap.program.exploration import explore, started_at
+from merap.program.form import Program
 
 # Worlds that are kept of those that begin in a state that the first one lacks.
 KEPT = 64
-# The action of states in which nothing is possible, where these are allowed.
-STUCK = "stuck"
 # Name of a variable -> its value in a whole state.
 Values: TypeAlias = Mapping[str, int]
 
@@ -96,16 +94,12 @@ class ProgramWorlds:
         program: closed.
         action_names: in the order in which actions are numbered.
         reward: the reward structure, of each single step; None: no rewards.
-        may_stick: whether nothing need be possible in some states; else they are refused.
     """
 
-    def __init__(
-        self, program: Program, action_names: Sequence[str], *, reward: str | None, may_stick: bool = False
-    ) -> None:
+    def __init__(self, program: Program, action_names: Sequence[str], *, reward: str | None) -> None:
         self._program = program
         self._reward = reward
-        self._deadlock = STUCK if may_stick else None
-        self._action_names = (*action_names, STUCK) if may_stick else tuple(action_names)
+        self._action_names = tuple(action_names)
         self._elsewhere = lru_cache(maxsize=KEPT)(self._explored_from)
 
     @cached_property
@@ -133,7 +127,7 @@ class ProgramWorlds:
         return self._explored(started_at(self._program, dict(zip(names, state, strict=True))))
 
     def _explored(self, program: Program) -> World:
-        found = tabular(program, explore(program), reward=self._reward, deadlock=self._deadlock)
+        found = tabular(program, explore(program), reward=self._reward)
         number = align_actions(found, self._action_names)
         model = replace(found, action_names=self._action_names, choice_action=number[found.choice_action])
         shown = model.valuations[:, [name != program.flag for name in model.variable_names]]

@@ -150,9 +150,7 @@ def test_a_place_where_every_task_is_complete_cannot_begin_one() -> None:
     simulated = SimulatedSystem(combination, HORIZON, np.random.default_rng(0), reset="none")
     simulated.reset()
     assert walk(simulated, [RIGHT, RIGHT]).continuation == 0
-    with pytest.raises(
-        InputError, match=r"no task can begin in state \(row=0, col=2, .*, where the last"
-    ):
+    with pytest.raises(InputError, match=r"no task can begin in state \(row=0, col=2, .*, where the last"):
         simulated.reset()
 
 
