@@ -55,6 +55,12 @@ class StateVariable:
         """The number of values."""
         return self.high - self.low + 1
 
+    def text(self, value: int) -> str:
+        """Return one of the values as it is written: a truth value, a name or a number."""
+        if self.kind == "bool":
+            return "true" if value else "false"
+        return self.values[value - self.low] if self.kind == "named" else str(value)
+
 
 def integer(name: str, low: int, high: int) -> StateVariable:
     """Return a variable with the values low..high."""

@@ -93,12 +93,7 @@ class Encoding:
     def _terms(self, code: int) -> Iterator[str]:
         for variable in self.variables:
             digit = code // self.strides[variable.name] % variable.size
-            if variable.kind == "bool":
-                yield f"{variable.name}={'true' if digit else 'false'}"
-            elif variable.kind == "named":
-                yield f"{variable.name}={variable.values[digit]}"
-            else:
-                yield f"{variable.name}={variable.low + digit}"
+            yield f"{variable.name}={variable.text(variable.low + digit)}"
 
 
 class States(Columns):

@@ -1,4 +1,4 @@
-"""The way a policy takes through the locations: likeliest, or as it was recorded."""
+"""The way a policy takes: the likeliest one, told by the names and values of variables."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination
-from merap.concerns.synthesis import synthesise_pair
+from merap.concerns.combination import Combination
 from merap.errors import ModelError
+from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
+from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, GOAL_LABEL
+from merap.program.arrays import tabular
+from merap.program.exploration import explore
+from merap.program.expressions import Constant
+from merap.program.form import Program, StateVariable
 
 Ending: TypeAlias = Literal["completed", "ended", "loop", "open"]
 
@@ -27,22 +31,20 @@ _NOTES: dict[Ending, str] = {
 
 @dataclass(frozen=True)
 class RoutePath:
-    """T steps through the locations of a case.
+    """T steps through the states of a combination.
 
     Attributes:
-        locations: T + 1 indices of locations.
-        names: T + 1 names of these locations.
+        places: T + 1 names of locations; empty texts where there is no space.
+        changes: T + 1 texts: the values of all other variables at first, then those that a step changed.
         actions: T names of actions.
-        modes: T + 1 names of modes; empty where they were not recorded.
         ending: the task was completed; or it ended where no goal is; or it would go round for ever; or
             nothing of that is known.
         label: its name in a legend.
     """
 
-    locations: tuple[int, ...]
-    names: tuple[str, ...]
+    places: tuple[str, ...]
+    changes: tuple[str, ...]
     actions: tuple[str, ...]
-    modes: tuple[str, ...]
     ending: Ending
     label: str = "path"
 
@@ -53,16 +55,19 @@ class RoutePath:
 
     @property
     def text(self) -> str:
-        """One line, such as `S [scan] -east-> hall [east x2] -east-> G3 (stop)`.
+        """One line, such as `dock, battery=2 [pick: stage=loaded] -east-> hall, battery=1 (drop)`.
 
-        Arrows move, brackets stay (an innate action, or a move that was blocked or failed), the
-        parentheses at the end hold the action that completed the task, or how else it ended.
+        Arrows move, brackets stay (or a move was blocked or failed), the parentheses at the end hold the
+        action that completed the task, or how else it ended. Values follow that a step changed.
         """
-        return " ".join([self.names[0], *self._steps_as_text()])
+        return " ".join([_joined(self.places[0], self.changes[0]), *self._steps_as_text()])
 
     def _steps_as_text(self) -> Iterator[str]:
-        moves = zip(self.actions, self.names, self.names[1:], strict=False)
-        steps = [f"-{action}-> {there}" if here != there else f"[{action}]" for action, here, there in moves]
+        ways = zip(self.actions, self.places, self.places[1:], self.changes[1:], strict=False)
+        steps = [
+            f"-{action}-> {_joined(there, changes)}" if here != there else f"[{_joined(action, changes, ': ')}]"
+            for action, here, there, changes in ways
+        ]
         closing = _NOTES[self.ending]
         if self.ending in {"completed", "ended"} and steps and steps[-1].startswith("["):
             closing = f"({steps.pop()[1:-1]})"
@@ -72,8 +77,12 @@ class RoutePath:
         yield closing
 
 
+def _joined(first: str, second: str, separator: str = ", ") -> str:
+    return separator.join(filter(None, (first, second)))
+
+
 def most_likely_path(
-    mdp: TabularMDP, combination: DeclaredCombination, policy: Floats, horizon: int, label: str = "path"
+    mdp: TabularMDP, combination: Combination, policy: Floats, horizon: int, label: str = "path"
 ) -> RoutePath:
     """Follow a policy from the likeliest start: always the likeliest action and outcome.
 
@@ -81,36 +90,29 @@ def most_likely_path(
     policy then simply tries again.
 
     Args:
-        mdp: the whole model (p, q, done) of the combination, or its model on the canonical
-            index p * Q + q with the completed state last.
-        combination: whose locations and modes these are.
+        mdp: whose states and actions index the policy; completed states need none.
+        combination: the one to follow it in, explored here.
         policy: float [S, A], or float [T, S, A] by time t.
         horizon: T, the most steps to follow.
         label: for the legend.
 
     Raises:
-        ModelError: the policy has another shape.
+        ModelError: the policy has another shape, or the path comes to a state that it does not know.
     """
     _check_shape(mdp, policy, horizon)
-    states, actions, ending = _follow(mdp, policy, horizon)
-    locations, modes = _location_and_mode(mdp, combination, np.array(states))
-    if ending == "completed" and actions and FLAG_VARIABLE not in mdp.variable_names:
-        # The completed state of the canonical index does not tell where the task ended.
-        locations[-1], modes[-1] = _where_completed(mdp, combination, states[-2], actions[-1])
+    program = combination.program
+    whole = tabular(program, explore(program))
+    states, actions, ending = _follow(whole, _Lookup(mdp, whole, policy), horizon)
+    if ending == "completed" and _has_goal(program) and not whole.labels[GOAL_LABEL][states[-1]]:
+        ending = "ended"
+    valuations = whole.valuations[states].tolist()
     return RoutePath(
-        locations=tuple(locations.tolist()),
-        names=tuple(combination.space.locations[location] for location in locations),
-        actions=tuple(mdp.action_names[action] for action in actions),
-        modes=tuple(combination.modes[mode] for mode in modes),
-        ending=_judged(ending, combination, int(locations[-1])),
+        places=tuple(_place(program, valuation) for valuation in valuations),
+        changes=tuple(_changes(program, valuations)),
+        actions=tuple(whole.action_names[action] for action in actions),
+        ending=ending,
         label=label,
     )
-
-
-def _judged(ending: Ending, combination: DeclaredCombination, last: int) -> Ending:
-    """Return `ended` for a task with a goal that came to an end elsewhere, else the same."""
-    goal = combination.objective.goal
-    return "ended" if ending == "completed" and goal.any() and not goal[last] else ending
 
 
 def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
@@ -121,18 +123,45 @@ def _check_shape(mdp: TabularMDP, policy: Floats, horizon: int) -> None:
         raise ModelError(f"the policy has shape {policy.shape}, not {expected}")
 
 
-def _follow(mdp: TabularMDP, policy: Floats, horizon: int) -> tuple[list[int], list[int], Ending]:
+class _Lookup:
+    """The rows of a policy, found by valuation, for the states of another model."""
+
+    def __init__(self, mdp: TabularMDP, whole: TabularMDP, policy: Floats) -> None:
+        self.stationary = policy.ndim == 2
+        self._mdp, self._whole = mdp, whole
+        self._policy = policy[None] if self.stationary else policy
+        going = np.flatnonzero(~mdp.labels[COMPLETE_LABEL])
+        names = [name for name in mdp.variable_names if name in whole.variable_names]
+        theirs, ours = (one.valuations[:, _columns(one, names)] for one in (mdp, whole))
+        self._row = np.append(going, -1)[match_rows(ours, theirs[going])]
+        self._column = [
+            mdp.action_names.index(name) if name in mdp.action_names else -1 for name in whole.action_names
+        ]
+
+    def action(self, state: int, time: int) -> int:
+        """Return the likeliest of the actions that are enabled."""
+        if self._row[state] < 0:
+            values = zip(self._whole.variable_names, self._whole.valuations[state].tolist(), strict=True)
+            raise ModelError(f"the policy does not know ({', '.join(f'{n}={v}' for n, v in values)})")
+        row = self._policy[0 if self.stationary else time, self._row[state]]
+        return int(np.where(self._whole.enabled[state], row[self._column], -1).argmax())
+
+
+def _columns(mdp: TabularMDP, names: list[str]) -> list[int]:
+    return [mdp.variable_names.index(name) for name in names]
+
+
+def _follow(whole: TabularMDP, policy: _Lookup, horizon: int) -> tuple[list[int], list[int], Ending]:
     """Walk: return states [T + 1], actions [T], and how it ends."""
-    complete = mdp.labels[COMPLETE_LABEL]
-    states, actions = [int(mdp.initial.argmax())], list[int]()
+    complete = whole.labels[COMPLETE_LABEL]
+    states, actions = [int(whole.initial.argmax())], list[int]()
     while not complete[states[-1]]:
         if len(actions) == horizon:
             return states, actions, "open"
-        rows = policy[len(actions)] if policy.ndim == 3 else policy
         here = states[-1]
-        actions.append(int(np.where(mdp.enabled[here], rows[here], -1).argmax()))
-        states.append(_likeliest_successor(mdp, here, actions[-1]))
-        if policy.ndim == 2 and states[-1] in states[:-1]:
+        actions.append(policy.action(here, len(actions)))
+        states.append(_likeliest_successor(whole, here, actions[-1]))
+        if policy.stationary and states[-1] in states[:-1]:
             return states, actions, "loop"
     return states, actions, "completed"
 
@@ -151,26 +180,30 @@ def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]
     return mdp.branch_target[branches], mdp.branch_prob[branches]
 
 
-def _location_and_mode(mdp: TabularMDP, combination: DeclaredCombination, states: Ints) -> tuple[Ints, Ints]:
-    """Return the location and the mode of each state, int64 [T + 1]; of no meaning for a folded state."""
-    space = combination.space
-    columns = [mdp.variable_names.index(name) for name in space.variable_names]
-    variables = mdp.valuations[states][:, columns]
-    locations = variables[:, 0] if space.shape is None else variables @ np.array([space.shape[1], 1])
-    modes = np.zeros_like(locations)
-    if MODE_VARIABLE in mdp.variable_names:
-        modes = mdp.valuations[states, mdp.variable_names.index(MODE_VARIABLE)]
-    return np.array(locations), np.array(modes)
+def _has_goal(program: Program) -> bool:
+    return program.labels.get(GOAL_LABEL, Constant(False)) != Constant(False)
 
 
-def _where_completed(
-    mdp: TabularMDP, combination: DeclaredCombination, state: int, action: int
-) -> tuple[int, int]:
-    """Return location and mode where a step into the folded completed state leads.
+def _place(program: Program, valuation: list[int]) -> str:
+    """Return the name of a location; a cell of a grid is called by row and column."""
+    values = dict(zip((one.name for one in program.variables), valuation, strict=True))
+    named = [one.text(values[one.name]) for one in program.variables if one.name in program.location]
+    return "r{}c{}".format(*named) if len(named) == 2 else "".join(named)
 
-    Without objective the same choice has the same successors, but for those that were folded.
-    """
-    targets, prob = _successors(synthesise_pair(combination), state, action)
-    folded = ~np.isin(targets, _successors(mdp, state, action)[0])
-    location, mode = divmod(int(targets[np.where(folded, prob, 0).argmax()]), len(combination.modes))
-    return location, mode
+
+def _changes(program: Program, valuations: list[list[int]]) -> Iterator[str]:
+    """Yield what the variables beside the location are at first, then what each step changes of them."""
+    shown = [(column, one) for column, one in enumerate(program.variables) if _is_told(program, one)]
+    before: list[int] | None = None
+    for after in valuations:
+        yield ", ".join(
+            f"{one.name}={one.text(after[column])}"
+            for column, one in shown
+            if before is None or before[column] != after[column]
+        )
+        before = after
+
+
+def _is_told(program: Program, variable: StateVariable) -> bool:
+    """Return whether a variable says more than the location and how a path ends."""
+    return variable.size > 1 and variable.name not in {*program.location, FLAG_VARIABLE}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from matplotlib.collections import PolyCollection
@@ -55,7 +55,7 @@ def draw_routes(
 
 def _oppose(paths: Sequence[RoutePath]) -> bool:
     """Whether they take some edge both ways."""
-    hops = {hop for path in paths for hop in pairwise(path.locations)}
+    hops = {hop for path in paths for hop in pairwise(path.places)}
     return any(here != there and (there, here) in hops for here, there in hops)
 
 
@@ -66,7 +66,8 @@ def _scale(panel: Panel) -> float:
 
 def _draw_way(panel: Panel, path: RoutePath, line: Line, side: float) -> Floats:
     """Draw line and arrow heads; the point where they end."""
-    visited = [path.locations[0], *(there for here, there in pairwise(path.locations) if here != there)]
+    index = panel.combination.space.location_index
+    visited = [index[place] for place, _ in groupby(path.places)]
     if len(visited) == 1:
         alone: Floats = panel.combination.space.positions[visited[0]] + np.array([side, 0.0])
         return alone
@@ -122,11 +123,12 @@ def _entry(path: RoutePath, line: Line) -> Entry:
 def _draw_innate(panel: Panel, paths: Sequence[RoutePath]) -> list[Entry]:
     combination = panel.combination
     innate = set(combination.actions) - {action.name for action in combination.capability.external}
-    steps = [step for path in paths for step in zip(path.locations, path.actions, strict=False)]
-    taken = [(location, action) for location, action in steps if action in innate]
+    steps = [step for path in paths for step in zip(path.places, path.actions, strict=False)]
+    taken = [(place, action) for place, action in steps if action in innate]
     if not taken:
         return []
-    points = combination.space.positions[sorted({location for location, _ in taken})]
+    index = combination.space.location_index
+    points = combination.space.positions[sorted({index[place] for place, _ in taken})]
     size = panel.extent.radius_in_points * (0.37 if panel.extent.is_grid else 0.74)
     panel.axes.plot(
         points[:, 0],

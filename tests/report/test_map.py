@@ -241,7 +241,7 @@ def test_a_path_runs_through_its_locations(building: Combination, adapted: Route
     figure = draw_map(building, paths=[adapted])
     (line,) = named(figure.axes[0], "path")
     drawn = np.unique(line.get_xydata(), axis=0)
-    visited = np.unique(building.space.positions[list(adapted.locations)], axis=0)
+    visited = np.unique(position(building, *adapted.places), axis=0)
     np.testing.assert_allclose(drawn, visited)
     assert "path: completed in 10 steps" in legend_of(figure)
     assert "innate: measure, start_scan" in legend_of(figure)

@@ -48,9 +48,9 @@ def test_the_best_policy_takes_the_only_way(form: str) -> None:
     mdp = model(ONE_WAY, form)
     path = most_likely_path(mdp, ONE_WAY, best_policy(mdp, ONE_WAY), horizon=10)
     assert path.text == WAY
-    assert path.locations == (0, 3, 6, 7, 8, 5, 2, 2)
+    assert path.places == tuple(ONE_WAY.space.locations[place] for place in (0, 3, 6, 7, 8, 5, 2, 2))
     assert path.actions == ("down", "down", "right", "right", "up", "up", "stop")
-    assert path.modes == ("ready",) * 8
+    assert path.changes == ("",) * 8
     assert path.completed
 
 
@@ -71,7 +71,7 @@ def test_a_step_that_ends_by_moving_shows_where_it_ends(form: str) -> None:
     combination = replace(ONE_WAY, objective=objective)
     mdp = model(combination, form)
     path = most_likely_path(mdp, combination, always_along_the_way(mdp), horizon=10)
-    assert path.names[-2:] == ("r1c2", "r0c2")
+    assert path.places[-2:] == ("r1c2", "r0c2")
     assert path.text == WAY.replace("(stop)", "(done)")
 
 
@@ -90,8 +90,7 @@ def test_innate_actions_stay_and_may_complete(form: str) -> None:
     combination = graph_combination()
     mdp = model(combination, form)
     path = most_likely_path(mdp, combination, always(mdp, "measure", "start_scan"), horizon=5)
-    assert path.text == "A [start_scan] (measure)"
-    assert path.modes == ("idle", "scanning", "scanned")
+    assert path.text == "A, mode=idle [start_scan: mode=scanning] (measure: mode=scanned)"
 
 
 def test_what_usually_fails_is_tried_again() -> None:
@@ -135,7 +134,7 @@ def test_disabled_actions_are_never_taken() -> None:
     policy[:, mdp.action_names.index("back")] = 0.9
     policy[:, mdp.action_names.index("go")] = 0.05
     path = most_likely_path(mdp, combination, policy, horizon=10)
-    assert path.text == "S -go-> A -back-> S (loop)"
+    assert path.text == "S, mode=idle -go-> A -back-> S (loop)"
 
 
 def test_a_recorded_path_counts_what_was_repeated() -> None:
@@ -146,7 +145,7 @@ def test_a_recorded_path_counts_what_was_repeated() -> None:
 
 
 def test_a_task_complete_at_once_has_no_step() -> None:
-    assert RoutePath((0,), ("S",), (), ("idle",), "completed").text == "S (done)"
+    assert RoutePath(("S",), ("",), (), "completed").text == "S (done)"
 
 
 def test_a_policy_of_another_shape_is_refused() -> None:
