@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +11,12 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle, Patch, Rectangle
 
 from merap.concerns.combination import DeclaredCombination
-from merap.concerns.composition import compose
 from merap.concerns.space import Space
-from merap.concerns.steps import holds_in_states
 from merap.mdp.matching import match_rows
-from merap.mdp.model import Bools, Floats
+from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
-from merap.program.arrays import tabular
-from merap.program.exploration import explore
+from merap.program.expressions import Constant, evaluate_where_defined, variables
+from merap.program.states import Encoding, States
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
@@ -38,6 +37,7 @@ from merap.report.style import (
 )
 
 _POINTS_PER_EDGE = 25
+START = "start"
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,14 @@ class Layer:
 _CROSS = Layer("x", "white", "white", 0.45, 0.09, 4)
 _BAR = Layer("_", "white", "white", 0.6, 0.16, 4)
 _ON_GRAPH = {
-    "start": (Layer("s", SKY_BLUE, INK, 1.5, 0.05, 2),),
+    START: (Layer("s", SKY_BLUE, INK, 1.5, 0.05, 2),),
     GOAL_LABEL: (Layer("*", GREEN, INK, 2.3, 0.05, 2),),
     "blocked (environment)": (Layer("o", WALL, INK, 1.0, 0.05, 3.5), _CROSS),
     "no entry (capability)": (Layer("o", PURPLE, INK, 1.0, 0.05, 3.6), _BAR),
     UNSAFE_LABEL: (Layer("^", YELLOW, INK, 0.6, 0.07, 4, (0.8, 0.8)),),
 }
 _ON_GRID = {
-    "start": (Layer("s", "none", SKY_BLUE, 0.78, 0.11, 3.5),),
+    START: (Layer("s", "none", SKY_BLUE, 0.78, 0.11, 3.5),),
     GOAL_LABEL: (Layer("*", GREEN, INK, 0.66, 0.03, 3.6),),
     "blocked (environment)": (Layer("s", WALL, WALL, 0.9, 0.0, 3.5), _CROSS),
     "no entry (capability)": (Layer("s", PURPLE, PURPLE, 0.9, 0.0, 3.6), _BAR),
@@ -81,16 +81,24 @@ _ON_GRID = {
 }
 
 
-def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
-    """Draw locations as circles or cells, with start, goal, blocked, no entry and unsafe."""
+def draw_locations(panel: Panel, colouring: Colouring, mdp: TabularMDP) -> list[Entry]:
+    """Draw locations as circles or cells, with start, goal, blocked, no entry and unsafe, and their names.
+
+    Args:
+        panel: where to.
+        colouring: colours of the locations.
+        mdp: the model of the combination.
+    """
     _draw_faces(panel, colouring)
     combination = panel.combination
+    start = np.zeros(combination.space.num_locations, dtype=np.bool_)
+    start[locations_of(combination, mdp)[mdp.initial > 0]] = True
     masks = {
-        "start": combination.objective.start > 0,
-        GOAL_LABEL: combination.objective.goal,
+        START: start,
+        GOAL_LABEL: label_locations(combination, mdp, GOAL_LABEL),
         "blocked (environment)": combination.environment.blocked,
         "no entry (capability)": combination.capability.no_entry,
-        UNSAFE_LABEL: unsafe_locations(combination) & ~combination.environment.blocked,
+        UNSAFE_LABEL: label_locations(combination, mdp, UNSAFE_LABEL) & ~combination.environment.blocked,
     }
     styles = _ON_GRID if panel.extent.is_grid else _ON_GRAPH
     entries = [heading("Locations")]
@@ -98,22 +106,31 @@ def draw_locations(panel: Panel, colouring: Colouring) -> list[Entry]:
         if mask.any():
             _draw_mark(panel, mask, styles[meaning], meaning)
             entries.append(_entry(styles[meaning], meaning))
+    _draw_names(panel, masks)
     return entries
 
 
-def unsafe_locations(combination: DeclaredCombination) -> Bools:
-    """Return bool [P], whether some state there is unsafe (with processes: one that can be reached)."""
-    condition = combination.objective.unsafe
-    if condition is None:
-        return np.zeros(combination.space.num_locations, dtype=np.bool_)
-    if combination.processes:
-        program = compose(combination)
-        found = tabular(program, explore(program))
-        columns = [found.variable_names.index(name) for name in combination.space.variable_names]
-        place = match_rows(found.valuations[:, columns], combination.space.valuations)
-        return np.bincount(place, found.labels[UNSAFE_LABEL], combination.space.num_locations) > 0
-    in_states = holds_in_states(combination, condition)
-    return np.logical_or.reduceat(in_states, np.arange(0, len(in_states), len(combination.modes)))
+def locations_of(combination: DeclaredCombination, mdp: TabularMDP) -> Ints:
+    """int64 [S], the location of each state; -1 for one that has none."""
+    space = combination.space
+    columns = [mdp.variable_names.index(name) for name in space.variable_names]
+    return match_rows(mdp.valuations[:, columns], space.valuations)
+
+
+def label_locations(combination: DeclaredCombination, mdp: TabularMDP, label: str) -> Bools:
+    """Return bool [P], where a label holds: by its definition, or in some state of the model.
+
+    The definition counts where it reads nothing but the location, so that places are found that a
+    combination can't reach.
+    """
+    program, space = combination.program, combination.space
+    condition = program.labels.get(label, Constant(False))
+    if {one.name for one in variables(condition)} <= set(program.location):
+        encoding = Encoding(tuple(one for one in program.variables if one.name in program.location))
+        holds, defined = evaluate_where_defined(condition, States(encoding, encoding.codes(space.valuations)))
+        return np.broadcast_to(holds & defined, space.num_locations)
+    found = locations_of(combination, mdp)[mdp.labels[label]]
+    return np.bincount(found, minlength=space.num_locations) > 0
 
 
 def _draw_faces(panel: Panel, colouring: Colouring) -> None:
@@ -165,10 +182,9 @@ def _entry(layers: tuple[Layer, ...], meaning: str) -> Entry:
     return tuple(marks), meaning
 
 
-def draw_names(panel: Panel) -> None:
-    """Write the names beside their locations; on a grid number rows and columns instead."""
-    combination, extent = panel.combination, panel.extent
-    space = combination.space
+def _draw_names(panel: Panel, masks: Mapping[str, Bools]) -> None:
+    """Write the names beside their locations and marks; on a grid number rows and columns instead."""
+    space, extent = panel.combination.space, panel.extent
     if extent.is_grid:
         _number_cells(panel.axes, space)
         return
@@ -179,8 +195,9 @@ def draw_names(panel: Panel) -> None:
     pieces = [np.stack([line[:-1], line[1:]]) for line in panel.lines.lines]
     first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
     points = ((1 - steps) * first + steps * second).reshape(-1, 2)
-    reach = np.where(combination.objective.goal, _ON_GRAPH[GOAL_LABEL][0].size, 1.15)
-    reach = np.where(combination.objective.start > 0, np.maximum(reach, _ON_GRAPH["start"][0].size), reach)
+    reach = np.full(space.num_locations, 1.15)
+    for meaning in (START, GOAL_LABEL):
+        reach[masks[meaning]] = np.maximum(reach[masks[meaning]], _ON_GRAPH[meaning][0].size)
     radii = reach * extent.radius * extent.scale
     page = (extent.low * extent.scale, extent.high * extent.scale)
     places = place_labels(space.positions * extent.scale, radii, sizes, points * extent.scale, page)

@@ -11,8 +11,10 @@ from matplotlib.colors import to_rgba_array
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Space
 from merap.errors import ModelError
-from merap.mdp.model import Floats, Ints
+from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL, MODE_VARIABLE
 from merap.report.geometry import arrows, right_of, unit
+from merap.report.locations import locations_of
 from merap.report.sheet import Panel
 from merap.report.style import INK, ORANGE, SKY_BLUE, Entry, heading, mark
 
@@ -34,34 +36,54 @@ class Moves:
     prob: Floats
 
 
-def likeliest_moves(combination: DeclaredCombination, policy: Floats, mode: int) -> Moves:
-    """Return the most probable action of a policy at each location in a mode.
+def likeliest_moves(combination: DeclaredCombination, mdp: TabularMDP, policy: Floats) -> dict[int, Moves]:
+    """Return the most probable action of a policy at each location, for each mode that can move.
+
+    Where states differ in more than location and mode, the mean over them counts.
 
     Args:
         combination: declares locations, modes and actions.
-        policy: float [S, A] on the canonical index: row p * Q + q, columns the declared actions;
-            what comes after these (the completed state, the action `end`) is not looked at.
-        mode: index q.
+        mdp: whose states and actions index the policy; its complete states are not looked at.
+        policy: float [S, A].
 
     Raises:
         ModelError: the policy has another shape.
     """
-    num_locations, num_modes = combination.space.num_locations, len(combination.modes)
-    size, num_actions = num_locations * num_modes, len(combination.actions)
-    whole = (size + 1, num_actions + 1)
-    fits = policy.ndim == 2 and policy.shape[0] - size in (0, 1) and policy.shape[1] - num_actions in (0, 1)
-    if not fits:
-        raise ModelError(f"the policy has shape {policy.shape}, on the canonical index it is {whole}")
-    rows = policy[:size, :num_actions].reshape(num_locations, num_modes, num_actions)[:, mode]
-    intended = np.full(num_actions, _INNATE)
+    if policy.shape != (mdp.num_states, mdp.num_actions):
+        raise ModelError(f"the policy has shape {policy.shape}, not {(mdp.num_states, mdp.num_actions)}")
+    going = ~mdp.labels[COMPLETE_LABEL]
+    place, mode = locations_of(combination, mdp)[going], _modes_of(mdp)[going]
+    columns = [mdp.action_names.index(name) for name in combination.actions if name in mdp.action_names]
+    rows = policy[going][:, columns]
+    intended = np.full(len(columns), _INNATE)
+    names = [mdp.action_names[column] for column in columns]
     for action in combination.capability.external:
-        move = action.outcomes[0].move
-        intended[combination.actions.index(action.name)] = _STAY if move is None else move
+        if action.name in names:
+            move = action.outcomes[0].move
+            intended[names.index(action.name)] = _STAY if move is None else move
     closed = combination.environment.blocked | combination.capability.no_entry
-    return Moves(intended[rows.argmax(axis=1)], np.where(closed, 0.0, rows.max(axis=1)))
+    size = combination.space.num_locations
+
+    def in_mode(number: int) -> Moves:
+        own = mode == number
+        sums = np.zeros((size, len(columns)))
+        np.add.at(sums, place[own], rows[own])
+        mean = sums / np.maximum(np.bincount(place[own], minlength=size), 1)[:, None]
+        return Moves(intended[mean.argmax(axis=1)], np.where(closed, 0.0, mean.max(axis=1)))
+
+    terminal = np.flatnonzero(combination.capability.terminal(len(combination.modes)))
+    initial = combination.capability.initial_mode
+    return {one: in_mode(one) for one in sorted(terminal.tolist(), key=lambda one: (one != initial, one))}
 
 
-def draw_policy(panel: Panel, policy: Floats) -> list[Entry]:
+def _modes_of(mdp: TabularMDP) -> Ints:
+    """int64 [S]; 0 where the only mode is no variable."""
+    if MODE_VARIABLE not in mdp.variable_names:
+        return np.zeros(mdp.num_states, dtype=np.int64)
+    return mdp.valuations[:, mdp.variable_names.index(MODE_VARIABLE)]
+
+
+def draw_policy(panel: Panel, mdp: TabularMDP, policy: Floats) -> list[Entry]:
     """Draw an arrow for a move, a square for staying, a diamond for an innate action.
 
     Each terminal mode has arrows of its own, the initial mode first; the paler and thinner, the
@@ -71,14 +93,11 @@ def draw_policy(panel: Panel, policy: Floats) -> list[Entry]:
         ModelError: the policy has another shape.
     """
     combination = panel.combination
-    terminal = np.flatnonzero(combination.capability.terminal(len(combination.modes)))
-    initial = combination.capability.initial_mode
-    modes = sorted(terminal.tolist(), key=lambda mode: (mode != initial, mode))
+    found = likeliest_moves(combination, mdp, policy)
     entries = [heading("Policy (paler: less likely)")]
-    for slot, mode in enumerate(modes):
+    for slot, (mode, moves) in enumerate(found.items()):
         face = _FACES[slot % len(_FACES)]
-        side = slot - (len(modes) - 1) / 2
-        moves = likeliest_moves(combination, policy, mode)
+        side = slot - (len(found) - 1) / 2
         _draw_mode(panel, moves, face, side)
         suffix = f" in mode {combination.modes[mode]}" if len(combination.modes) > 1 else ""
         shapes = {">": "moves", "s": "stays", "D": "innate action"}

@@ -11,13 +11,13 @@ import numpy as np
 
 from merap.concerns.combination import Combination
 from merap.errors import ModelError
+from merap.families.models import explored
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, GOAL_LABEL
-from merap.program.arrays import tabular
-from merap.program.exploration import explore
+from merap.mdp.reserved_names import COMPLETE_LABEL, GOAL_LABEL
 from merap.program.expressions import Constant
-from merap.program.form import Program, StateVariable
+from merap.program.form import Program
+from merap.report.diagrams import told_variables
 
 Ending: TypeAlias = Literal["completed", "ended", "loop", "open"]
 
@@ -65,7 +65,9 @@ class RoutePath:
     def _steps_as_text(self) -> Iterator[str]:
         ways = zip(self.actions, self.places, self.places[1:], self.changes[1:], strict=False)
         steps = [
-            f"-{action}-> {_joined(there, changes)}" if here != there else f"[{_joined(action, changes, ': ')}]"
+            f"-{action}-> {_joined(there, changes)}"
+            if here != there
+            else f"[{_joined(action, changes, ': ')}]"
             for action, here, there, changes in ways
         ]
         closing = _NOTES[self.ending]
@@ -101,7 +103,7 @@ def most_likely_path(
     """
     _check_shape(mdp, policy, horizon)
     program = combination.program
-    whole = tabular(program, explore(program))
+    whole = explored(combination)
     states, actions, ending = _follow(whole, _Lookup(mdp, whole, policy), horizon)
     if ending == "completed" and _has_goal(program) and not whole.labels[GOAL_LABEL][states[-1]]:
         ending = "ended"
@@ -193,7 +195,8 @@ def _place(program: Program, valuation: list[int]) -> str:
 
 def _changes(program: Program, valuations: list[list[int]]) -> Iterator[str]:
     """Yield what the variables beside the location are at first, then what each step changes of them."""
-    shown = [(column, one) for column, one in enumerate(program.variables) if _is_told(program, one)]
+    told = told_variables(program)
+    shown = [(column, one) for column, one in enumerate(program.variables) if one in told]
     before: list[int] | None = None
     for after in valuations:
         yield ", ".join(
@@ -202,8 +205,3 @@ def _changes(program: Program, valuations: list[list[int]]) -> Iterator[str]:
             if before is None or before[column] != after[column]
         )
         before = after
-
-
-def _is_told(program: Program, variable: StateVariable) -> bool:
-    """Return whether a variable says more than the location and how a path ends."""
-    return variable.size > 1 and variable.name not in {*program.location, FLAG_VARIABLE}

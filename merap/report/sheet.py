@@ -16,6 +16,8 @@ from matplotlib.lines import Line2D
 
 from merap.concerns.combination import DeclaredCombination
 from merap.mdp.model import Floats
+from merap.report.diagram_drawing import diagram_block, draw_block
+from merap.report.diagrams import Diagram
 from merap.report.extent import Extent, extent_of
 from merap.report.geometry import EdgeLines, edge_lines
 from merap.report.style import FONT_SIZE, INK, PALE, TITLE_SIZE, Entry, unique
@@ -93,8 +95,9 @@ def close_sheet(
     panel_titles: Sequence[str] = (),
     entries: Sequence[Entry],
     colour_bar: tuple[ScalarMappable, str] | None = None,
+    diagrams: Sequence[Diagram] = (),
 ) -> Figure:
-    """Add title and legend, and place everything.
+    """Add title, legend and diagrams, and place everything.
 
     Args:
         sheet: with maps that are drawn.
@@ -102,12 +105,14 @@ def close_sheet(
         panel_titles: one per map, or none.
         entries: entries of the legend; one for each meaning.
         colour_bar: colours and their title.
+        diagrams: they come below the maps.
     """
     figure, extent = sheet.figure, sheet.panels[0].extent
     legend, legend_size = _draw_legend(figure, unique(entries))
     if colour_bar:
         legend_size += np.array([0.0, _COLOUR_BAR[1] + _COLOUR_BAR_TITLE + _PAD])
-    places = _arrange(extent, len(sheet.panels), bool(panel_titles), legend_size)
+    block = diagram_block(diagrams)
+    places = _arrange(extent, len(sheet.panels), bool(panel_titles), legend_size, block.size)
     figure.set_size_inches(*places.page)
     for panel, corner in zip(sheet.panels, places.corners, strict=True):
         panel.axes.set_position((*(corner / places.page), *(extent.inches / places.page)))
@@ -118,6 +123,17 @@ def close_sheet(
     if colour_bar:
         corner = places.legend + np.array([0.1, _PAD - legend_size[1]])
         _draw_colour_bar(figure, colour_bar, (*(corner / places.page), *(_COLOUR_BAR / places.page)))
+    draw_block(figure, block, places.block)
+    return figure
+
+
+def diagram_page(title: str, diagrams: Sequence[Diagram]) -> Figure:
+    """Return a page of diagrams alone."""
+    block = diagram_block(diagrams)
+    figure = Figure(facecolor="white", figsize=(block.size + 2 * _PAD + np.array([0.0, _TITLE])).tolist())
+    page = figure.get_size_inches()
+    _write(figure, np.array([_PAD, page[1] - _PAD - 0.7 * _TITLE]) / page, title, TITLE_SIZE)
+    draw_block(figure, block, np.array([_PAD, _PAD + block.size[1]]))
     return figure
 
 
@@ -131,6 +147,7 @@ class _Places:
         corners: float64 [panels, 2], the lower left corner of each map.
         above: from there to the title of a map.
         legend: float64 [2], the upper left corner of the legend.
+        block: float64 [2], the upper left corner of the diagrams.
     """
 
     page: Floats
@@ -138,21 +155,27 @@ class _Places:
     corners: Floats
     above: float
     legend: Floats
+    block: Floats
 
 
-def _arrange(extent: Extent, panels: int, has_titles: bool, legend_size: Floats) -> _Places:
+def _arrange(
+    extent: Extent, panels: int, has_titles: bool, legend_size: Floats, block_size: Floats
+) -> _Places:
     ticks = _TICKS if extent.is_grid else 0.0
     cell = extent.inches + np.array([ticks, ticks + (_PANEL_TITLE if has_titles else 0.0)])
     below = extent.inches[0] > _WIDE * extent.inches[1]
     step = np.array([0, 1]) if below else np.array([1, 0])
     maps = cell + (panels - 1) * step * (cell + _PAD)
     top = _PAD + _TITLE
-    page = np.array([maps[0] + legend_size[0] + 3 * _PAD, max(maps[1], legend_size[1]) + top + _PAD])
+    below_all = max(maps[1], legend_size[1]) + top + _PAD
+    width = max(maps[0] + legend_size[0] + 3 * _PAD, block_size[0] + 2 * _PAD)
+    page = np.array([width, below_all + block_size[1] + (_PAD if block_size[1] else 0.0)])
     shift = np.arange(panels)[:, None] * step * (cell + _PAD)
     corners = np.array([_PAD + ticks, page[1] - top - cell[1]]) + shift * np.array([1, -1])
     legend = np.array([2 * _PAD + maps[0], page[1] - top])
     title = np.array([_PAD, page[1] - _PAD - 0.7 * _TITLE])
-    return _Places(page, title, corners, extent.inches[1] + ticks + 0.08, legend)
+    block = np.array([_PAD, page[1] - below_all])
+    return _Places(page, title, corners, extent.inches[1] + ticks + 0.08, legend, block)
 
 
 def _draw_legend(figure: Figure, entries: Sequence[Entry]) -> tuple[Legend, Floats]:

@@ -18,11 +18,12 @@ from merap.concerns.space import Attribute
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError, ModelError
 from merap.families.build import canonical
+from merap.families.models import explored
 from merap.mdp.evaluation import as_policy
-from merap.mdp.model import Floats
+from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import value_iteration
 from merap.report.labels import place_labels
-from merap.report.locations import unsafe_locations
+from merap.report.locations import label_locations
 from merap.report.map import draw_before_after, draw_map
 from merap.report.path import RoutePath, most_likely_path
 from tests.support.hand_made import cells, graph_combination, grid_combination, with_environment
@@ -46,6 +47,14 @@ def adapted(building: Combination) -> RoutePath:
 def named(axes: Axes, name: str) -> list[Any]:
     """The artists drawn under that name, which are of many kinds."""
     return [artist for artist in axes.get_children() if artist.get_gid() == name]
+
+
+def rows_of(mdp: TabularMDP, **chances: float) -> Floats:
+    """The same choice in every state."""
+    policy = np.zeros((mdp.num_states, mdp.num_actions))
+    for name, chance in chances.items():
+        policy[:, mdp.action_names.index(name)] = chance
+    return policy
 
 
 def only(axes: Axes, name: str) -> Any:
@@ -143,8 +152,15 @@ def test_unsafe_locations_are_those_of_the_synthesised_model() -> None:
     whole = synthesise(combination)
     location = whole.valuations[:, whole.variable_names.index("loc")]
     # `light = 0` holds at B alone.
-    assert np.flatnonzero(unsafe_locations(combination)).tolist() == [2]
+    assert np.flatnonzero(label_locations(combination, explored(combination), "unsafe")).tolist() == [2]
     assert set(location[whole.labels["unsafe"]]) == {2}
+
+
+def test_a_goal_that_is_out_of_reach_is_drawn() -> None:
+    walls = cells((1, 2), (2, 1), size=3)
+    combination = grid_combination(size=3, goal=(2, 2), blocked=walls)
+    axes = draw_map(combination).axes[0]
+    assert points(axes, "goal").tolist() == [[2, -2]]
 
 
 def test_a_blocked_edge_has_a_bar_across_its_middle() -> None:
@@ -193,9 +209,9 @@ def test_an_unknown_attribute_is_refused(building: Combination) -> None:
 
 def test_a_policy_is_an_arrow_per_location() -> None:
     combination = grid_combination(size=3, goal=(2, 2), blocked=cells((1, 1), size=3))
-    policy = np.zeros((10, 6))
-    policy[:, 4], policy[:, 1] = 0.8, 0.2  # right, up
-    policy[8] = [0.6, 0.1, 0.1, 0.1, 0.1, 0]  # stop in the goal
+    mdp = explored(combination)
+    policy = rows_of(mdp, right=0.8, up=0.2)
+    policy[(mdp.valuations[:, :2] == 2).all(axis=1)] = rows_of(mdp, stop=0.6, up=0.4)[0]
     figure = draw_map(combination, policy=policy)
     shapes = polygons(figure.axes[0], "policy")
     *moving, staying = shapes
@@ -210,8 +226,8 @@ def test_a_policy_is_an_arrow_per_location() -> None:
 
 def test_less_likely_moves_are_thinner_and_paler() -> None:
     combination = grid_combination(size=3, goal=(2, 2))
-    policy = np.zeros((9, 5))
-    policy[:, 4] = np.linspace(0.2, 1.0, 9)
+    mdp = explored(combination)
+    policy = rows_of(mdp, right=1.0) * np.linspace(0.2, 1.0, mdp.num_states)[:, None]
     axes = draw_map(combination, policy=policy).axes[0]
     widths = [np.linalg.norm(shape[0] - shape[6]) for shape in polygons(axes, "policy")]
     greys = only(axes, "policy").get_facecolor()[:, 0]
@@ -220,9 +236,9 @@ def test_less_likely_moves_are_thinner_and_paler() -> None:
 
 
 def test_each_mode_that_can_move_has_its_own_arrows(building: Combination) -> None:
-    policy = np.zeros((26 * 3, len(building.actions)))
-    policy[0::3, building.actions.index("start_scan")] = 1
-    policy[2::3, building.actions.index("east")] = 1
+    mdp = explored(building)
+    policy = rows_of(mdp, start_scan=1)
+    policy[mdp.valuations[:, mdp.variable_names.index("mode")] == 2] = rows_of(mdp, east=1)[0]
     figure = draw_map(building, policy=policy)
     texts = legend_of(figure)
     # The initial mode comes first.
@@ -233,7 +249,7 @@ def test_each_mode_that_can_move_has_its_own_arrows(building: Combination) -> No
 
 
 def test_a_policy_of_another_shape_is_refused(building: Combination) -> None:
-    with pytest.raises(ModelError, match=r"shape \(5, 5\), on the canonical index it is \(79, 8\)"):
+    with pytest.raises(ModelError, match=r"shape \(5, 5\), not \(\d+, 8\)"):
         draw_map(building, policy=np.ones((5, 5)))
 
 
@@ -290,7 +306,8 @@ def test_the_legend_lies_beside_the_map(building: Combination, adapted: RoutePat
 @pytest.mark.parametrize("size", [1, 20])
 def test_grids_of_any_size_have_square_cells_on_a_page(size: int) -> None:
     combination = grid_combination(size=size, goal=(size - 1, size - 1))
-    policy = np.full((size * size, 5), 0.2)
+    mdp = explored(combination)
+    policy = np.full((mdp.num_states, mdp.num_actions), 0.2)
     figure = draw_map(combination, policy=policy)
     box = figure.axes[0].get_window_extent()
     assert box.width == pytest.approx(box.height)
