@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from merap.cli import options
-from merap.cli.output import counted, job, number, require_free_report, say, table, warn, write_json
+from merap.cli.describing import say_case, say_decisions, say_system, summary
+from merap.cli.output import job, number, require_free_report, say, table, warn, write_json
 from merap.concerns.case_study import load_case
 
 Weight = Annotated[float, typer.Option(min=0, max=1e9)]
@@ -26,19 +28,11 @@ def validate(case: options.Case) -> None:
     """Check that a case is sound; say what it consists of."""
     study = load_case(case)
     warn(study.warnings)
-    parts = (
-        (study.space.num_locations, "location"),
-        (len(study.modes), "mode"),
-        (len(study.actions), "action"),
-    )
-    say(
-        f"{study.name}: {', '.join(counted(*part) for part in parts)}; {counted(study.size, 'combination')}; "
-        f"online systems: {', '.join(study.systems) or 'none'}"
-    )
+    say(summary(study))
 
 
-class OptimumDrawing(StrEnum):
-    """A drawing over the space: that of an optimal policy or of its path."""
+class Optimum(StrEnum):
+    """What is told of an optimal policy: its first decisions, or its likeliest path."""
 
     none = "none"
     policy = "policy"
@@ -47,38 +41,48 @@ class OptimumDrawing(StrEnum):
 
 def show(
     case: options.Case,
-    out: options.Out,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Picture to write: PNG or SVG; both without a suffix."),
+    ] = None,
     system: options.SystemName = None,
-    attribute: Annotated[str | None, typer.Option(help="Which attribute to colour by.")] = None,
+    attribute: Annotated[str | None, typer.Option(help="Which attribute to colour the locations by.")] = None,
     optimum: Annotated[
-        OptimumDrawing, typer.Option(help="Draw an optimal policy, or its path.")
-    ] = OptimumDrawing.none,
+        Optimum,
+        typer.Option(help="Tell and draw an optimal policy as it begins, or its likeliest path."),
+    ] = Optimum.none,
     force: options.Force = False,
 ) -> None:
-    """Draw the space, attributes, goals and blocked locations (PNG or SVG; both without a suffix)."""
-    from merap.families.build import model_of
+    """Say what a case consists of; draw a system: its map, if it has one, and its processes."""
+    from merap.families.models import explored
     from merap.mdp.evaluation import as_policy
     from merap.mdp.planning import backward_induction
-    from merap.report.map import draw_map
+    from merap.report.decisions import decisions
+    from merap.report.map import draw_combination
     from merap.report.path import most_likely_path
     from merap.report.saving import save_figure
 
     study = load_case(case)
+    warn(study.warnings)
     shown = options.chosen_system(study, system)
+    say_case(study)
+    model = explored(shown)
+    say_system(shown, model)
     policy, paths = None, []
-    if optimum is not OptimumDrawing.none:
-        model = model_of(shown)
+    if optimum is not Optimum.none:
         plan = backward_induction(model, shown.objective.horizon, shown.discount)
-        policy = as_policy(model, plan.actions)
-    if optimum is OptimumDrawing.path and policy is not None:
-        paths = [most_likely_path(model, shown, policy, shown.objective.horizon, label="optimal path")]
-        say(paths[0].text)
-    figure = draw_map(
-        shown,
-        attribute=attribute,
-        policy=policy[0] if optimum is OptimumDrawing.policy and policy is not None else None,
-        paths=paths,
-        title=f"{study.name}: {shown.name}",
+        best = as_policy(model, plan.actions)
+        say(f"optimum {number(plan.value)}")
+        if optimum is Optimum.path:
+            paths = [most_likely_path(model, shown, best, shown.objective.horizon, label="optimal path")]
+            say(paths[0].text)
+        else:
+            policy = best[0]
+            say_decisions(decisions(shown.program, model, plan.actions[0]))
+    if out is None:
+        return
+    figure = draw_combination(
+        shown, attribute=attribute, policy=policy, paths=paths, title=f"{study.name}: {shown.name}"
     )
     for written in save_figure(figure, out, force=force):
         say(f"wrote {written}")

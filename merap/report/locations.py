@@ -16,6 +16,7 @@ from merap.mdp.matching import match_rows
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.program.expressions import Constant, evaluate_where_defined, variables
+from merap.program.form import Program
 from merap.program.states import Encoding, States
 from merap.report.colouring import Colouring
 from merap.report.extent import Extent, name_sizes
@@ -38,6 +39,7 @@ from merap.report.style import (
 
 _POINTS_PER_EDGE = 25
 START = "start"
+LABELS = (GOAL_LABEL, UNSAFE_LABEL)
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,11 @@ class Layer:
     width: float
     z: float
     shift: tuple[float, float] = (0.0, 0.0)
+
+
+def _reach(layer: Layer) -> float:
+    """Return how far a mark reaches from the centre of a location, in radii."""
+    return layer.size + max(layer.shift)
 
 
 _CROSS = Layer("x", "white", "white", 0.45, 0.09, 4)
@@ -105,7 +112,8 @@ def draw_locations(panel: Panel, colouring: Colouring, mdp: TabularMDP) -> list[
     for meaning, mask in masks.items():
         if mask.any():
             _draw_mark(panel, mask, styles[meaning], meaning)
-            entries.append(_entry(styles[meaning], meaning))
+            somewhen = meaning in LABELS and not _of_locations(combination.program, meaning)
+            entries.append(_entry(styles[meaning], f"{meaning} (in some states)" if somewhen else meaning))
     _draw_names(panel, masks)
     return entries
 
@@ -124,13 +132,19 @@ def label_locations(combination: DeclaredCombination, mdp: TabularMDP, label: st
     combination can't reach.
     """
     program, space = combination.program, combination.space
-    condition = program.labels.get(label, Constant(False))
-    if {one.name for one in variables(condition)} <= set(program.location):
+    if _of_locations(program, label):
+        condition = program.labels.get(label, Constant(False))
         encoding = Encoding(tuple(one for one in program.variables if one.name in program.location))
         holds, defined = evaluate_where_defined(condition, States(encoding, encoding.codes(space.valuations)))
         return np.broadcast_to(holds & defined, space.num_locations)
     found = locations_of(combination, mdp)[mdp.labels[label]]
     return np.bincount(found, minlength=space.num_locations) > 0
+
+
+def _of_locations(program: Program, label: str) -> bool:
+    """Return whether the definition of a label reads nothing but the location."""
+    condition = program.labels.get(label, Constant(False))
+    return {one.name for one in variables(condition)} <= set(program.location)
 
 
 def _draw_faces(panel: Panel, colouring: Colouring) -> None:
@@ -196,8 +210,8 @@ def _draw_names(panel: Panel, masks: Mapping[str, Bools]) -> None:
     first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
     points = ((1 - steps) * first + steps * second).reshape(-1, 2)
     reach = np.full(space.num_locations, 1.15)
-    for meaning in (START, GOAL_LABEL):
-        reach[masks[meaning]] = np.maximum(reach[masks[meaning]], _ON_GRAPH[meaning][0].size)
+    for meaning, mask in masks.items():
+        reach[mask] = np.maximum(reach[mask], max(_reach(layer) for layer in _ON_GRAPH[meaning]))
     radii = reach * extent.radius * extent.scale
     page = (extent.low * extent.scale, extent.high * extent.scale)
     places = place_labels(space.positions * extent.scale, radii, sizes, points * extent.scale, page)

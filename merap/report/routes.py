@@ -21,10 +21,10 @@ _GAP_ON_GRAPH = 0.6
 # Radius of a location in points, on a grid and on a graph, down to which lines and marks keep their size.
 _USUAL_RADIUS = {True: 18.0, False: 10.0}
 _OUTCOMES: dict[Ending, str] = {
-    "completed": "completed in {} steps",
-    "ended": "ended in {} steps, not completed",
+    "completed": "completed in {}",
+    "ended": "ended in {}, not completed",
     "loop": "not completed, stuck in a loop",
-    "open": "not completed in {} steps",
+    "open": "not completed in {}",
 }
 
 
@@ -116,7 +116,7 @@ def _end_mark(path: RoutePath, colour: str, place: Floats | None = None, scale: 
 
 def _entry(path: RoutePath, line: Line) -> Entry:
     shown = Line2D([], [], color=line.colour, linestyle=line.style, linewidth=_WIDTH)
-    steps = len(path.actions)
+    steps = "1 step" if len(path.actions) == 1 else f"{len(path.actions)} steps"
     return (shown, _end_mark(path, line.colour)), f"{path.label}: {_OUTCOMES[path.ending].format(steps)}"
 
 

@@ -106,5 +106,6 @@ def test_a_case_without_the_system_met_takes_another_one(tmp_path: Path) -> None
 
 def test_counts_agree_with_their_nouns() -> None:
     assert merap("validate", LAKE).stdout == (
-        "frozen_lake: 16 locations, 1 mode, 4 actions; 30 combinations; online systems: met\n"
+        "frozen_lake: 16 locations, 4 actions; 30 combinations of 15 x 2 x 1 configurations; "
+        "online systems: met\n"
     )
