@@ -241,9 +241,9 @@ def _show_safety(sums: Mapping[str, Any]) -> None:
 
 
 def _draw(shown: Sequence[Adaptation], system: Combination, case: str, folder: Path, *, force: bool) -> None:
-    """Draw the curves of all, and the map of the first."""
+    """Draw the curves of all, and the map of the first; without a map tell its paths."""
     from merap.report.curves import draw_adaptation
-    from merap.report.map import draw_before_after
+    from merap.report.map import draw_before_after, has_map
     from merap.report.path import most_likely_path
     from merap.report.saving import save_figure
 
@@ -255,8 +255,10 @@ def _draw(shown: Sequence[Adaptation], system: Combination, case: str, folder: P
         most_likely_path(found.model, system, policy, system.objective.horizon, label=label)
         for policy, label in ((found.before, "before"), (found.after, "after"))
     ]
-    written = [
-        *save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force),
-        *save_figure(draw_before_after(system, *paths, title=title), folder / "map", force=force),
-    ]
+    written = [*save_figure(draw_adaptation(curves, optimum, worst, title), folder / "curve", force=force)]
+    if has_map(system):
+        written += save_figure(draw_before_after(system, *paths, title=title), folder / "map", force=force)
+    else:
+        for path in paths:
+            say(f"path {path.label}: {path.text}")
     say("wrote " + ", ".join(str(path) for path in written))

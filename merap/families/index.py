@@ -56,14 +56,15 @@ def index_kinds(programs: Iterable[Program]) -> tuple[VariableKind, ...]:
     """
     found: dict[str, VariableKind] = {}
     for program in programs:
-        for variable in _telling(program):
+        for variable in telling_variables(program):
             kind = variable_kind(variable)
             known = found.setdefault(kind.name, kind)
             found[kind.name] = replace(known, low=min(known.low, kind.low), high=max(known.high, kind.high))
     return tuple(found.values())
 
 
-def _telling(program: Program) -> tuple[StateVariable, ...]:
+def telling_variables(program: Program) -> tuple[StateVariable, ...]:
+    """Return the variables that tell states apart: all but `done`, where that alone makes one complete."""
     flags = {
         part.name
         for part in _alternatives(program.labels[COMPLETE_LABEL])

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from merap.families.index import telling_variables
 from merap.mdp.matching import row_keys
 from merap.mdp.model import Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.program.form import Program, StateVariable
 
 
@@ -37,7 +38,7 @@ def decisions(program: Program, mdp: TabularMDP, actions: Ints) -> Decisions:
         actions: int64 [S].
     """
     going = ~mdp.labels[COMPLETE_LABEL]
-    told = [one for one in program.variables if one.size > 1 and one.name != FLAG_VARIABLE]
+    told = [one for one in telling_variables(program) if one.size > 1]
     low = mdp.valuations[going][:, [mdp.variable_names.index(one.name) for one in told]]
     high, chosen = low, actions[going]
     for column in reversed(range(len(told))):

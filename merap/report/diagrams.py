@@ -8,8 +8,8 @@ from itertools import groupby
 
 from merap.concerns.combination import Combination, DeclaredCombination
 from merap.concerns.processes import DeclaredProcess
+from merap.families.index import telling_variables
 from merap.mdp.model import TabularMDP
-from merap.mdp.reserved_names import FLAG_VARIABLE
 from merap.program.form import Process, Program, StateVariable
 from merap.report.diagram_nodes import Nodes, joint_nodes, value_nodes
 from merap.report.diagram_steps import NodeStep, enabled_in, lines_of, node_steps
@@ -59,8 +59,9 @@ class Diagram:
 
 def told_variables(program: Program) -> tuple[StateVariable, ...]:
     """Return the variables that say more than the location and whether the task is complete."""
-    apart = {*program.location, FLAG_VARIABLE}
-    return tuple(one for one in program.variables if one.size > 1 and one.name not in apart)
+    return tuple(
+        one for one in telling_variables(program) if one.size > 1 and one.name not in program.location
+    )
 
 
 def process_diagrams(combination: Combination, mdp: TabularMDP) -> tuple[Diagram, ...]:

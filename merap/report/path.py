@@ -136,9 +136,9 @@ class _Lookup:
         names = [name for name in mdp.variable_names if name in whole.variable_names]
         theirs, ours = (one.valuations[:, _columns(one, names)] for one in (mdp, whole))
         self._row = np.append(going, -1)[match_rows(ours, theirs[going])]
-        self._column = [
-            mdp.action_names.index(name) if name in mdp.action_names else -1 for name in whole.action_names
-        ]
+        self._known = np.isin(whole.action_names, mdp.action_names)
+        columns = {name: column for column, name in enumerate(mdp.action_names)}
+        self._column = [columns.get(name, 0) for name in whole.action_names]
 
     def action(self, state: int, time: int) -> int:
         """Return the likeliest of the actions that are enabled."""
@@ -146,7 +146,8 @@ class _Lookup:
             values = zip(self._whole.variable_names, self._whole.valuations[state].tolist(), strict=True)
             raise ModelError(f"the policy does not know ({', '.join(f'{n}={v}' for n, v in values)})")
         row = self._policy[0 if self.stationary else time, self._row[state]]
-        return int(np.where(self._whole.enabled[state], row[self._column], -1).argmax())
+        chances = np.where(self._known, row[self._column], 0)
+        return int(np.where(self._whole.enabled[state], chances, -1).argmax())
 
 
 def _columns(mdp: TabularMDP, names: list[str]) -> list[int]:

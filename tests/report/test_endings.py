@@ -7,8 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination
-from merap.families.build import model_of
+from merap.concerns.combination import DeclaredCombination
+from merap.concerns.lookup import declared
+from merap.families.models import explored
 from merap.mdp.evaluation import as_policy
 from merap.report.map import draw_map
 from merap.report.path import RoutePath, most_likely_path
@@ -22,7 +23,7 @@ def line(axes: Axes, name: str) -> Line2D:
     return found
 
 
-def along(combination: Combination) -> RoutePath:
+def along(combination: DeclaredCombination) -> RoutePath:
     """Along the diagonal of a grid, to the goal in its last corner."""
     side = combination.space.shape[1] if combination.space.shape else 0
     steps = [
@@ -35,8 +36,8 @@ def along(combination: Combination) -> RoutePath:
 
 def test_a_hole_ends_the_task_and_does_not_complete_it() -> None:
     """On dry ice [1, 1] is a hole."""
-    lake = load_case(MODELS / "frozen-lake").combination("broken_r1c1_r1c3_r2c3_r3c0.dry.corner")
-    model = model_of(lake)
+    lake = declared(load_case(MODELS / "frozen-lake").combination("broken_r1c1_r1c3_r2c3_r3c0.dry.corner"))
+    model = explored(lake)
     down, right = (model.action_names.index(name) for name in ("down", "right"))
     into_the_hole = as_policy(model, (model.valuations[:, 0] == 0) * (down - right) + right)
     path = most_likely_path(model, lake, into_the_hole, 100)
