@@ -63,7 +63,7 @@ class ReturnTrips:
         self._combination = combination
         alone = replace(program, processes=program.moving, labels={}, rewards={})
         resting = completed(alone, negated(enabled(alone)), "rest")
-        self._worlds = ProgramWorlds(resting, combination.action_names, reward=None)
+        self._worlds = ProgramWorlds(resting, combination.action_names)
         self._policy = lru_cache(maxsize=KEPT)(self._solved)
 
     def travel(self, here: Values, there: Values, generator: np.random.Generator) -> int:

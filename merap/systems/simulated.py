@@ -16,6 +16,7 @@ from merap.concerns.combination import Combination, DeclaredCombination, ResetMo
 from merap.errors import InputError, MerapError
 from merap.mdp.model import Bools, TabularMDP
 from merap.mdp.reserved_names import MODE_VARIABLE, UNSAFE_LABEL
+from merap.systems.description import shown_variables
 from merap.systems.detection import detections
 from merap.systems.interface import Observation
 from merap.systems.places import leaves_open, location_in, spatial
@@ -263,7 +264,12 @@ def true_worlds(combination: Combination, slip: float) -> ProgramWorlds:
     Raises:
         InputError: see `slipping`.
     """
-    return ProgramWorlds(slipping(combination.program, slip), combination.action_names, reward="objective")
+    return ProgramWorlds(
+        slipping(combination.program, slip),
+        combination.action_names,
+        reward="objective",
+        shown=[variable.name for variable in shown_variables(combination.program)],
+    )
 
 
 def _begun_anew(model: TabularMDP | Combination) -> frozenset[str]:

@@ -94,12 +94,21 @@ class ProgramWorlds:
         program: closed.
         action_names: in the order in which actions are numbered.
         reward: the reward structure, of each single step; None: no rewards.
+        shown: names of the variables that are seen, in their order; None: all.
     """
 
-    def __init__(self, program: Program, action_names: Sequence[str], *, reward: str | None) -> None:
+    def __init__(
+        self,
+        program: Program,
+        action_names: Sequence[str],
+        *,
+        reward: str | None = None,
+        shown: Sequence[str] | None = None,
+    ) -> None:
         self._program = program
         self._reward = reward
         self._action_names = tuple(action_names)
+        self._shown = [one.name for one in program.variables] if shown is None else shown
         self._elsewhere = lru_cache(maxsize=KEPT)(self._explored_from)
 
     @cached_property
@@ -130,6 +139,6 @@ class ProgramWorlds:
         found = tabular(program, explore(program), reward=self._reward)
         number = align_actions(found, self._action_names)
         model = replace(found, action_names=self._action_names, choice_action=number[found.choice_action])
-        shown = model.valuations[:, [name != program.flag for name in model.variable_names]]
+        shown = model.valuations[:, [model.variable_names.index(name) for name in self._shown]]
         shown.flags.writeable = False
         return World(model, simulator([model]), shown)
