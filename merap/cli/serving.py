@@ -42,7 +42,10 @@ def serve(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Tell nothing of single requests.")] = False,
 ) -> None:
-    """Offer a simulated system behind HTTP, with the endpoints of UPISAS, until it is interrupted."""
+    """Offer a simulated system behind HTTP, with the endpoints of UPISAS.
+
+    It goes on until it is interrupted, which is its ordinary end: the exit code is 0.
+    """
     import numpy as np
 
     from merap.mapek.scenario import read_scenario

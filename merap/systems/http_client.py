@@ -25,12 +25,12 @@ from referencing.exceptions import Unresolvable
 from merap.errors import InputError, shortened
 from merap.masking import SplitUrl, masked, masked_url, secrets_in, split_url
 from merap.systems.dialect import MAX_SHOWN, first_misfit
+from merap.systems.http_rules import MAX_PORT, strict_json
 from merap.systems.interface import FaultKind, SystemFault
 
 Result = TypeVar("Result")
 
 MAX_ANSWER = 16 * 1024 * 1024
-MAX_PORT = 65_535
 # What httpx raises, the first that fits.
 _KINDS: tuple[tuple[type[httpx.HTTPError], FaultKind], ...] = (
     (httpx.TimeoutException, "timeout"),
@@ -213,7 +213,7 @@ class UpisasClient(AbstractContextManager["UpisasClient"]):
         if not HTTPStatus(200) <= status < HTTPStatus(300):
             raise self.fault(_kind_of_status(status), request, f"status {status}: {_message(body)}")
         try:
-            return json.loads(body, parse_constant=_no_number)
+            return strict_json(body)
         except (ValueError, RecursionError) as error:
             raise self.fault("malformed", request, f"no JSON but {_shown(body)}") from error
 
@@ -284,10 +284,6 @@ def _message(body: bytes) -> str:
         return _shown(body)
     error = content.get("error") if isinstance(content, dict) else None
     return error if isinstance(error, str) else _shown(body)
-
-
-def _no_number(text: str) -> object:
-    raise ValueError(f"{text} is no JSON")
 
 
 def _shown(content: Any) -> str:

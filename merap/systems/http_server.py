@@ -6,7 +6,6 @@ itself with 503.
 
 from __future__ import annotations
 
-import json
 import logging
 import socket
 from collections.abc import Awaitable, Callable
@@ -27,6 +26,7 @@ from merap.systems.description import (
     execute_schema,
     monitor_schema,
 )
+from merap.systems.http_rules import MAX_PORT, strict_json
 from merap.systems.openapi import openapi
 from merap.systems.served import RefusedRequestError, ServedSystem
 
@@ -40,7 +40,6 @@ ENDPOINTS = (
     "GET /openapi.json",
 )
 MAX_BODY = 64 * 1024
-MAX_PORT = 65_535
 log = logging.getLogger(__name__)
 
 Handler = Callable[[Request], Awaitable[JSONResponse]]
@@ -93,6 +92,8 @@ def listening(host: str, port: int) -> socket.socket:
     Raises:
         InputError: the port is taken or forbidden, or there is no such address.
     """
+    if not host.strip():
+        raise InputError("an address to listen on can't be empty; 0.0.0.0 stands for all of this machine's")
     if not 0 <= port <= MAX_PORT:
         raise InputError(f"a port is a number from 0 to {MAX_PORT}, not {port}")
     try:
@@ -128,13 +129,9 @@ async def _body(request: Request) -> object:
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the body has more than {MAX_BODY} bytes"
             )
     try:
-        return json.loads(received, parse_constant=_no_number)
+        return strict_json(received)
     except (ValueError, RecursionError) as error:
         raise RefusedRequestError(HTTPStatus.BAD_REQUEST, f"the body is no JSON: {error}") from error
-
-
-def _no_number(text: str) -> object:
-    raise ValueError(f"{text} is no number")
 
 
 def _answering(content: Json) -> Handler:

@@ -220,6 +220,8 @@ def test_a_port_that_is_taken_is_told_in_one_line() -> None:
     ("host", "port", "message"),
     [
         ("127.0.0.1", 70_000, "from 0 to 65535, not 70000"),
+        ("", 0, "an address to listen on can't be empty; 0.0.0.0 stands for all"),
+        (" ", 0, "an address to listen on can't be empty"),
         ("127.0.0.1", -1, "from 0 to 65535, not -1"),
         ("203.0.113.7", 0, "Cannot assign requested address"),
     ],
