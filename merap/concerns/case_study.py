@@ -268,7 +268,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
     context = ResolutionContext(
         document,
         space,
-        mode_names(spec.capability),
+        mode_names(spec),
         action_names(spec.capability),
         {concern: getattr(spec, concern).parameters for concern in CONCERNS},
         declared_variables(document, spec, space),

@@ -78,9 +78,9 @@ def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
         InputError: an expression, label, mode or action is wrong.
     """
     return Resolvers(
-        EnvironmentResolver(context, spec.environment),
-        CapabilityResolver(context, spec.capability),
-        ObjectiveResolver(context, spec.objective),
+        EnvironmentResolver(context, spec),
+        CapabilityResolver(context, spec),
+        ObjectiveResolver(context, spec),
     )
 
 

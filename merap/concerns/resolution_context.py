@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -166,3 +166,13 @@ def names_in(expressions: list[Expression]) -> set[str]:
     """Return the names of the variables in some expressions, without primes."""
     read = (variable for expression in expressions for variable in variables(expression))
     return {variable.name.removesuffix("'") for variable in read}
+
+
+def noting(found: list[Expression]) -> Callable[[Expression], Expression]:
+    """Return a function that adds what it is given to a list and returns it."""
+
+    def note(expression: Expression) -> Expression:
+        found.append(expression)
+        return expression
+
+    return note

@@ -11,8 +11,8 @@ from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import STEP, ExpressionNames
 from merap.concerns.parameters import Values, constants, held_locations, parameter_name, present_all
 from merap.concerns.resolution_context import ResolutionContext, names_in
-from merap.concerns.resolve_processes import ProcessResolver
-from merap.concerns.schema import EndSpec, ObjectiveSpec, PredicateSpec, RewardSpec, StartPoint
+from merap.concerns.resolve_processes import ProcessResolver, process_entries
+from merap.concerns.schema import CaseSpec, EndSpec, PredicateSpec, RewardSpec, StartPoint
 from merap.concerns.schema_base import Box, LocationSet
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
@@ -42,9 +42,9 @@ class ObjectiveResolver:
         InputError: an expression is wrong, or a mode or action unknown.
     """
 
-    def __init__(self, context: ResolutionContext, spec: ObjectiveSpec) -> None:
+    def __init__(self, context: ResolutionContext, case: CaseSpec) -> None:
         self.context = context
-        self.spec = spec
+        self.spec = spec = case.objective
         states = context.names("objective")
         steps = context.names("objective", primed=STEP)
         self.rules = tuple(
@@ -57,7 +57,7 @@ class ObjectiveResolver:
         self.ends_after = self._optional("ends_after", spec.ends_after, states)
         self.ends_in = self._optional("ends_in", spec.ends_in, states)
         self.unsafe = self._optional("unsafe", spec.unsafe, states)
-        self.processes = ProcessResolver(context, "objective", spec.processes)
+        self.processes = ProcessResolver(context, process_entries(case, "objective"))
         for name in spec.properties:
             with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
@@ -133,6 +133,8 @@ class ObjectiveResolver:
         )
 
     def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
+        if not points:
+            return np.ones(1)
         start = np.zeros(self.context.space.num_locations)
         for number, point in enumerate(points):
             with self.context.document.at(*path, number):

@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 
 from merap.concerns.combination import ResetMode
 from merap.concerns.parameter_types import Parameter
@@ -205,7 +213,9 @@ class ObjectiveSpec(Spec):
     parameters: dict[Name, Parameter] = Field(
         default={}, description="name: type; `goal` (location or locations) is labelled `goal`"
     )
-    start: Start = Field(description="a location, a parameter that holds one, or a distribution")
+    start: Start = Field(
+        default=(), description="a location, a parameter that holds one, or a distribution; goes with space"
+    )
     horizon: int = Field(ge=1, le=MAX_HORIZON, description="steps of an episode")
     rewards: tuple[RewardSpec, ...] = Field(
         default=(), description="rules; the first that matches counts, no match earns 0"
@@ -256,11 +266,19 @@ class CaseSpec(Spec):
 
     case: Name = Field(description="the name of the case study")
     discount: float = Field(gt=0, le=1, description="of a step")
-    space: SpaceSpec = Field(description="where the system moves")
+    space: SpaceSpec | None = Field(
+        default=None, description="where the system moves; left out: nothing has a location"
+    )
     environment: EnvironmentSpec = Field(description="the spatial environment")
     capability: CapabilitySpec = Field(description="what the system can do")
     objective: ObjectiveSpec = Field(description="what the user wants")
     online: dict[Name, SystemSpec] = Field(default={}, description="name: a system that is met online")
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> CaseSpec:
+        if self.space is not None and not self.objective.start:
+            raise wrong("key 'start' is missing", ("objective",))
+        return self
 
 
 def case_schema() -> dict[str, Any]:

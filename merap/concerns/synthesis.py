@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination, ExternalAction, Outcome
+from merap.concerns.combination import DeclaredCombination
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, require_places_and_modes, scope_of
 from merap.errors import InputError

@@ -23,7 +23,13 @@ LOOKED_AT = 1000
 
 def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
     """A sentence for every parameter that nothing reads."""
-    read = {"environment.blocked", "environment.blocked_edges", "capability.no_entry", "objective.goal"}
+    read = {
+        "environment.blocked",
+        "environment.blocked_edges",
+        "environment.locked",
+        "capability.no_entry",
+        "objective.goal",
+    }
     read = read.union(*resolvers.names_read().values())
     for concern in CONCERNS:
         for name in getattr(spec, concern).parameters:
@@ -63,7 +69,7 @@ def vocabulary(context: ResolutionContext, capability: Capability) -> set[str]:
     """Return the names of the actions and modes that a capability has."""
     names = {action.name for action in capability.external}
     if capability.innate is None:
-        return names | {context.modes[0]}
+        return names | {*context.modes[:1]}
     names |= {*context.modes, *(action.name for action in capability.innate.actions)}
     return names | {capability.innate.start_action} if capability.innate.restart else names
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from merap.checker.obstruction import obstruction
-from merap.concerns.combination import Combination, ExternalAction, Outcome
+from merap.concerns.combination import Combination
+from merap.concerns.external_action import ExternalAction, Outcome
 from tests.support.hand_made import (
     cells,
     graph_combination,

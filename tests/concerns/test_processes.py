@@ -12,8 +12,9 @@ import pytest
 
 from merap.checker.combination_model import build_combination
 from merap.checker.storm import build_text
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.composition import compose
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.processes import Change, DeclaredProcess, moved
 from merap.concerns.space import Space
 from merap.concerns.synthesis import attach, attach_everywhere, synthesise, synthesise_pair

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.combination import ExternalAction
+from merap.concerns.external_action import ExternalAction
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.program.expressions import Constant, evaluate, render

@@ -48,7 +48,7 @@ def test_the_json_schema_accepts_what_loads(text: str) -> None:
 # What a JSON Schema can't say: .nan is refused by the YAML reader, forms that exclude each other by pydantic.
 NOT_IN_JSON_SCHEMA = {
     "discount: .nan\n",
-    "    stop: {}",
+    "    stop: {stay: 1, move: east}",
     "{stay: 1, probability: 1}",
     "    lidar: {of: heat,",
 }

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from merap.checker.combination_model import build_combination, build_pair
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.combination import Combination, Condition, RewardRule
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.mdp.comparison import compare

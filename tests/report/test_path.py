@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome
+from merap.concerns.combination import Combination, Condition
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.errors import ModelError
 from merap.families.index import family_index, index_kinds
 from merap.families.models import explored

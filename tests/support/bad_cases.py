@@ -28,7 +28,7 @@ KEYS_AND_TYPES: list[Row] = [
     ("    - [S, A, east]", "    - [S, A]", "[S, A]", "space.edges[0]", "too few entries, got ['S', 'A']"),
     ("grip: probability", "grip: chance", "grip: chance", "capability.parameters.grip", "got 'chance'"),
     ("    stop: {stay: 1}", "    stop: {stay: 2}", "stop:", "capability.actions.stop.stay", "expected 1"),
-    ("    stop: {stay: 1}", "    stop: {}", "stop:", "capability.actions.stop", "exactly one of stay, move and outcomes"),
+    ("    stop: {stay: 1}", "    stop: {stay: 1, move: east}", "stop:", "capability.actions.stop", "give one of stay, move and outcomes, not stay and move"),
     ("{stay: 1}", "{stay: 1, probability: 1}", "stop:", "capability.actions.stop.probability", "goes with move"),
     ("north, probability: grip, otherwise: east", "north, on_blocked: wait", "wait", "on_blocked", "'stay' or 'disable'"),
     ("  unsafe: light = 0 & mode != scanning", "  unsafe: [light]", "unsafe", "objective.unsafe", "expected a mapping with keys of at, mode"),

@@ -18,10 +18,9 @@ from merap.concerns.combination import (
     DeclaredCombination,
     DeclaredObjective,
     Environment,
-    ExternalAction,
-    Outcome,
     RewardRule,
 )
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Floats
