@@ -43,9 +43,19 @@ def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
     Raises:
         InputError: it can't be read or does not fit the schema.
     """
-    file = _case_file(path)
-    document = _with_space_file(read_document(file), file)
+    file, document = read_document_of(path)
+    document = _with_space_file(document, file)
     return file, document, validate(document, CaseSpec)
+
+
+def read_document_of(path: Path) -> tuple[Path, Document]:
+    """Return the path and the content of a case file, given that or its folder.
+
+    Raises:
+        InputError: it can't be read.
+    """
+    file = _case_file(path)
+    return file, read_document(file)
 
 
 def _case_file(path: Path) -> Path:

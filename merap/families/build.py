@@ -13,8 +13,8 @@ from merap.checker.combination_model import build_combination, build_pair
 from merap.concerns.arguments import as_count
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
-from merap.concerns.lookup import as_case
 from merap.concerns.synthesis import attach, pair_valuations, synthesise, synthesise_pair
+from merap.families.lookup import as_case
 from merap.mdp.canonical import canonicalise
 from merap.mdp.comparison import compare
 from merap.mdp.graph import fewest_steps
