@@ -247,6 +247,6 @@ def _warnings(family: ProgramFamily, found: ExploredSample) -> Iterator[str]:
     if family.by_value:
         concerns = " and ".join(sorted(family.by_value))
         yield (
-            f"program.templates: they ask for the values of parameters of {concerns}, so each configuration has "
-            "a program of its own: hypotheses are those of the support only"
+            f"program.templates: they ask for the values of parameters of {concerns}, so each configuration "
+            "has a program of its own: hypotheses are those of the support only"
         )

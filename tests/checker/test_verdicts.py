@@ -217,7 +217,7 @@ def test_one_property_is_checked_where_there_is_one() -> None:
 def test_a_property_over_its_time_has_no_answer_and_the_others_do() -> None:
     endless = 'Pmax=? [F<=2000000000 "goal"]'
     combination = with_properties(graph_combination(), endless=endless, ever='Pmax>=0.9 [F "goal"]')
-    found = {verdict.name: verdict for verdict in verify(combination, timeout=4)}
+    found = {verdict.name: verdict for verdict in verify([combination], timeout=4)}
     assert list(found) == ["reach", "reach_within_horizon", "reward", "endless", "ever"]
     assert {name for name, verdict in found.items() if verdict.status == "timeout"} == {"endless"}
     late = found["endless"]
