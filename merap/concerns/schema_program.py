@@ -7,9 +7,11 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import BeforeValidator, Field, model_validator
 
 from merap.concerns.parameter_types import Parameter
-from merap.concerns.schema import MAX_HORIZON, Configurations, SystemSpec
+from merap.concerns.schema import MAX_HORIZON, Configurations, NamedSpec, SystemSpec
 from merap.concerns.schema_base import Name, Names, Number, Spec, wrong
 from merap.program.form import ConcernName
+
+_ONE: NamedSpec = {"default": {}}
 
 
 class TextSpec(Spec):
@@ -64,7 +66,7 @@ class WrittenConcernSpec(Spec):
         default={}, description="name: type; an open constant of the text, or what the objective reads"
     )
     configurations: Configurations = Field(
-        default={"default": {}}, description="named configurations, or a generated support"
+        default=_ONE, description="named configurations, or a generated support"
     )
 
 
