@@ -21,7 +21,8 @@ from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
 from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
-from merap.concerns.schema import CaseSpec, ObjectiveSpec
+from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_objective import ObjectiveSpec
 from merap.concerns.supports import Configurations, DeclaredSupports, Support, Supports
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
@@ -43,19 +44,9 @@ def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
     Raises:
         InputError: it can't be read or does not fit the schema.
     """
-    file, document = read_document_of(path)
-    document = _with_space_file(document, file)
-    return file, document, validate(document, CaseSpec)
-
-
-def read_document_of(path: Path) -> tuple[Path, Document]:
-    """Return the path and the content of a case file, given that or its folder.
-
-    Raises:
-        InputError: it can't be read.
-    """
     file = _case_file(path)
-    return file, read_document(file)
+    document = _with_space_file(read_document(file), file)
+    return file, document, validate(document, CaseSpec)
 
 
 def _case_file(path: Path) -> Path:
@@ -88,9 +79,9 @@ def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
         InputError: an expression, label, mode or action is wrong.
     """
     return Resolvers(
-        EnvironmentResolver(context, spec),
-        CapabilityResolver(context, spec),
-        ObjectiveResolver(context, spec),
+        EnvironmentResolver(context, spec.environment),
+        CapabilityResolver(context, spec.capability),
+        ObjectiveResolver(context, spec.objective),
     )
 
 
@@ -130,7 +121,7 @@ def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolve
 def _starts(context: ResolutionContext, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
     """Return every location where some objective may start."""
     starts: set[int] = set()
-    for point in spec.start:
+    for point in spec.start or ():
         with context.document.at("objective", "start"):
             if isinstance(point.at, str) and point.at in spec.parameters:
                 context.require_location(point.at, spec.parameters)

@@ -15,11 +15,10 @@ from merap.program.expressions import Kind, exact
 from merap.program.names import IDENTIFIER, check_name, suggestion
 
 TypeName: TypeAlias = Literal[
-    "location", "locations", "edges", "doors", "probability", "int", "real", "bool", "values"
+    "location", "locations", "edges", "probability", "int", "real", "bool", "values"
 ]
 NUMBERS: tuple[TypeName, ...] = ("int", "real", "probability")
-SPATIAL: tuple[TypeName, ...] = ("location", "locations", "edges", "doors")
-BARE: tuple[TypeName, ...] = (*SPATIAL, "probability", "int", "real", "bool")
+BARE: tuple[TypeName, ...] = ("location", "locations", "edges", "probability", "int", "real", "bool")
 _ALLOWED = (
     f"{', '.join(BARE)}, or a mapping of int, real or probability to [least, greatest] or of values to a list"
 )
@@ -50,7 +49,7 @@ class ParameterType:
     @property
     def is_set(self) -> bool:
         """Whether a value is a set, of which members can be chosen."""
-        return self.name in ("locations", "edges", "doors")
+        return self.name in ("locations", "edges")
 
     @property
     def holds_locations(self) -> bool:
@@ -60,7 +59,7 @@ class ParameterType:
     @property
     def kind(self) -> Kind | None:
         """What expressions read; None: they can't read it."""
-        if self.name in ("edges", "doors"):
+        if self.name == "edges":
             return None
         return "locations" if self.holds_locations else "bool" if self.name == "bool" else "number"
 
@@ -91,7 +90,7 @@ class ParameterType:
         raise InputError(f"all needs {domain}: this parameter is of type {self.name}")
 
     def parse(self, raw: Any) -> Fraction | bool:
-        """Return the canonical form of a value that is no location, edge or door.
+        """Return the canonical form of a value that is no location or edge.
 
         Raises:
             InputError: it is not in the domain.

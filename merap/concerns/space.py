@@ -102,9 +102,7 @@ class Space(ShortRepr):
 
     @cached_property
     def location_index(self) -> Mapping[str, int]:
-        """Name -> index; empty without space."""
-        if not self.located:
-            return {}
+        """Name -> index."""
         return {name: index for index, name in enumerate(self.locations)}
 
     @property
