@@ -1,9 +1,9 @@
-from .checker.verdicts import verify as verify
 from .concerns.case_study import CaseStudy as CaseStudy
-from .concerns.case_study import load_case as load_case
 from .errors import MerapError as MerapError
 from .errors import MerapWarning as MerapWarning
 from .families.build import build_base as build_base
+from .families.loading import load_case as load_case
+from .families.verification import verify as verify
 from .learning.config import TrainingConfig as TrainingConfig
 from .mapek.run import run_loop as run_loop
 from .mapek.scenario import read_scenario as read_scenario

@@ -17,7 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from merap.concerns.combination import Capability, DeclaredCombination, ExternalAction
+from merap.concerns.combination import Capability, DeclaredCombination
+from merap.concerns.external_action import ExternalAction
 from merap.concerns.steps import scope_of
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints

@@ -18,7 +18,8 @@ import numpy as np
 
 from merap.belief.actions import ActionTable, action_tables
 from merap.concerns.case_study import DeclaredCase
-from merap.concerns.combination import Capability, DeclaredCombination, ExternalAction, Outcome
+from merap.concerns.combination import Capability, DeclaredCombination
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate
 from merap.errors import InputError
 from merap.program.expressions import Constant, Expression, Operation

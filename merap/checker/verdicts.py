@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any, Literal, NamedTuple
@@ -14,9 +14,8 @@ from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.concerns.arguments import as_text
-from merap.concerns.combination import Combination, DeclaredCombination
-from merap.concerns.lookup import Combinations, as_combinations
-from merap.concerns.steps import goal_locations
+from merap.concerns.combination import Combination
+from merap.concerns.lookup import as_combination
 from merap.errors import InputError
 
 Status = Literal["ok", "unsupported", "timeout"]
@@ -62,7 +61,7 @@ class Verdict:
 
 
 def verify(
-    combinations: Combinations,
+    combinations: Iterable[Combination],
     only: str | None = None,
     *,
     timeout: float = TIMEOUT,
@@ -70,7 +69,7 @@ def verify(
     """Render, build and check combinations with Storm, in a process of its own.
 
     Args:
-        combinations: a case or the path of its file, one combination or several.
+        combinations: in this order.
         only: the name of one property, for the combinations that have it; all by default.
         timeout: seconds for building a model, and for each property.
 
@@ -95,11 +94,11 @@ class _Task(NamedTuple):
     model: ModelText
 
 
-def _tasks(combinations: Combinations, only: str | None) -> Iterator[_Task]:
+def _tasks(combinations: Iterable[Combination], only: str | None) -> Iterator[_Task]:
     """Render every combination that has a property to check."""
     only = None if only is None else as_text(only, "only")
     names: dict[str, None] = {}
-    for combination in as_combinations(combinations):
+    for combination in map(as_combination, combinations):
         wanted = properties(combination)
         names |= dict.fromkeys(wanted)
         if only is not None:
@@ -153,12 +152,12 @@ def _verdict(
 def _reason(combination: Combination, answer: Answer) -> str | None:
     """Explain a false verdict: the obstacles that cut the goal off in space, else the value."""
     value = None if answer.value is None else f"the value is {answer.value:.6g}"
-    if not isinstance(combination, DeclaredCombination) or not goal_locations(combination).any():
+    if not combination.objective.goal.any():
         return value
     cut = obstruction(combination)
     if cut is not None:
         return cut
     open_way = "the goal can be reached in space"
     if answer.value == 0:
-        return f"{open_way}; what actions require, the modes, or where the task ends prevent it"
+        return f"{open_way}; the modes, or where the task ends, prevent it"
     return open_way if value is None else f"{open_way}; {value}"

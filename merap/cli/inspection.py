@@ -12,7 +12,7 @@ import typer
 from merap.cli import options
 from merap.cli.describing import say_case, say_decisions, say_system, summary
 from merap.cli.output import job, number, require_free_report, say, table, warn, write_json
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 
 Weight = Annotated[float, typer.Option(min=0, max=1e9)]
 

@@ -11,9 +11,9 @@ import typer
 
 from merap.cli.interruption import go_on_with
 from merap.cli.output import counted, job, number, say, warn
-from merap.concerns.case_study import load_case
 from merap.errors import InputError
 from merap.families.folder import MANIFEST
+from merap.families.loading import load_case
 
 if TYPE_CHECKING:
     from merap.learning.progress import UpdateMetrics

@@ -11,9 +11,10 @@ import typer
 from merap.checker.properties import TIMEOUT
 from merap.cli import options
 from merap.cli.output import counted, number, progress, require_free_report, say, table, warn, write_json
-from merap.concerns.case_study import DEFAULT_LIMIT, CaseStudy, load_case
+from merap.concerns.case_study import DEFAULT_LIMIT, CaseStudy
 from merap.concerns.combination import Combination
 from merap.errors import EngineError, InputError
+from merap.families.loading import load_case
 
 if TYPE_CHECKING:
     from merap.checker.verdicts import Verdict

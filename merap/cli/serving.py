@@ -12,8 +12,8 @@ import typer
 from merap.cli import options
 from merap.cli.interruption import interruption_calls
 from merap.cli.output import say, warn
-from merap.concerns.case_study import load_case
 from merap.errors import InputError
+from merap.families.loading import load_case
 
 
 def register(app: typer.Typer) -> None:

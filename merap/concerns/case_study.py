@@ -31,7 +31,7 @@ from merap.concerns.resolve_space import resolve_space
 from merap.concerns.schema import SystemSpec
 from merap.concerns.space import Space
 from merap.concerns.supports import DeclaredSupports, Supports
-from merap.concerns.systems import SystemReader
+from merap.concerns.systems import DeclaredSystemReader, SystemReader
 from merap.concerns.vocabulary import action_names, check_vocabulary, declared_variables, mode_names
 from merap.concerns.warnings import idle_rules, unused_parameters
 from merap.errors import InputError
@@ -56,6 +56,7 @@ class CaseStudy(ShortRepr, ABC):
         systems: name -> a system that is met online.
         digest: hexadecimal SHA-256 of its files.
         warnings: what is allowed but probably not meant, one sentence each.
+        read_system: makes systems that are met.
     """
 
     name: str
@@ -67,6 +68,7 @@ class CaseStudy(ShortRepr, ABC):
     systems: Mapping[str, Combination]
     digest: str
     warnings: tuple[str, ...]
+    read_system: SystemReader = field(repr=False)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -118,11 +120,10 @@ class CaseStudy(ShortRepr, ABC):
         """
 
     @property
-    @abstractmethod
     def online(self) -> Mapping[str, SystemSpec]:
         """Name -> how the case file describes a system that is met online."""
+        return self.read_system.declared
 
-    @abstractmethod
     def met(self, name: str, spec: SystemSpec, document: Document, place: KeyPath) -> Combination:
         """A system that another document describes, as a scenario does.
 
@@ -135,6 +136,7 @@ class CaseStudy(ShortRepr, ABC):
         Raises:
             InputError: a configuration, parameter or location is unknown, or the start is closed.
         """
+        return self.read_system.placed(document, place)(name, spec)
 
     def sample(self, count: int, generator: np.random.Generator | int) -> list[Combination]:
         """Distinct combinations in random order, each set of `count` equally likely.
@@ -217,7 +219,6 @@ class DeclaredCase(CaseStudy):
         modes: Q names.
         closing: puts in what a configuration reads of the others.
         check_pair: refuses an environment and a capability that don't fit together.
-        read_system: makes systems that are met.
     """
 
     space: Space
@@ -226,16 +227,6 @@ class DeclaredCase(CaseStudy):
     systems: Mapping[str, DeclaredCombination]
     closing: Closing = field(repr=False)
     check_pair: Callable[[Environment, Capability], None] = field(repr=False)
-    read_system: SystemReader = field(repr=False)
-
-    @property
-    def online(self) -> Mapping[str, SystemSpec]:
-        """See `CaseStudy`."""
-        return self.read_system.spec.online
-
-    def met(self, name: str, spec: SystemSpec, document: Document, place: KeyPath) -> DeclaredCombination:
-        """See `CaseStudy`."""
-        return self.read_system.placed(document, place)(name, spec)
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
         """See `CaseStudy`."""
@@ -268,7 +259,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
     context = ResolutionContext(
         document,
         space,
-        mode_names(spec.capability),
+        mode_names(spec),
         action_names(spec.capability),
         {concern: getattr(spec, concern).parameters for concern in CONCERNS},
         declared_variables(document, spec, space),
@@ -278,7 +269,16 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
     check_pair = DistributionCheck(context)
     closing = Closing(str(file), foreign_names(resolvers.names_read()))
     check_at_load(supports, closing, check_pair)
-    read_system = SystemReader(context, spec, supports, resolvers, closing, check_pair, digest(document))
+    read_system = DeclaredSystemReader(
+        context=context,
+        supports=supports,
+        declared=spec.online,
+        discount=spec.discount,
+        digest=digest(document),
+        resolvers=resolvers,
+        closing=closing,
+        check_pair=check_pair,
+    )
     return DeclaredCase(
         name=spec.case,
         source=file,

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from merap.concerns.combination import Capability, DeclaredCombination, Environment, ExternalAction
+from merap.concerns.combination import Capability, DeclaredCombination, Environment
 from merap.concerns.document import KeyPath
+from merap.concerns.external_action import ExternalAction
 from merap.concerns.location_tables import location_scope
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.space import Attribute, Space
@@ -40,10 +41,14 @@ class DistributionCheck(ShortRepr):
             InputError: names action, location, mode and configurations.
         """
         terminal = capability.innate.terminal if capability.innate else None
-        key = (id(environment.attributes), capability.external, terminal)
+        drawn = tuple(
+            (action.name, *((one.move, one.probability) for one in action.outcomes))
+            for action in capability.external
+        )
+        key = (id(environment.attributes), drawn, terminal)
         if key in self._checked:
             return
-        modes = np.flatnonzero(capability.terminal(len(self.context.modes)))
+        modes = np.flatnonzero(capability.terminal(max(1, len(self.context.modes))))
         processes = set(self.context.variables)
         for action in capability.external:
             if processes & names_in([outcome.probability for outcome in action.outcomes]):
@@ -72,11 +77,11 @@ class DistributionCheck(ShortRepr):
             raise self._error(action, steps, int(off[0]), problem, pair)
 
     def _error(self, action: ExternalAction, steps: _Steps, step: int, problem: str, pair: str) -> InputError:
-        location = self.context.space.locations[steps.here[step]]
-        mode = self.context.modes[steps.mode[step]]
+        space, modes = self.context.space, self.context.modes
+        where = f"at location {space.locations[steps.here[step]]} " if space.located else ""
+        where += f"in mode {modes[steps.mode[step]]} " if modes else ""
         return self.context.document.error(
-            ("capability", "actions", action.name),
-            f"action {action.name}: {problem} at location {location} in mode {mode} {pair}",
+            ("capability", "actions", action.name), f"action {action.name}: {problem} {where}{pair}"
         )
 
 

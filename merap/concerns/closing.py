@@ -13,11 +13,10 @@ from merap.concerns.combination import (
     Configuration,
     DeclaredObjective,
     Environment,
-    ExternalAction,
-    Outcome,
     RewardRule,
 )
 from merap.concerns.expression_names import CONCERNS
+from merap.concerns.external_action import ExternalAction
 from merap.concerns.processes import DeclaredProcess
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
@@ -136,14 +135,7 @@ def _environment(environment: Environment, change: Change) -> Environment:
 
 
 def _capability(capability: Capability, change: Change) -> Capability:
-    actions = (
-        replace(
-            action,
-            requires=change(action.requires),
-            outcomes=tuple(Outcome(one.move, change(one.probability)) for one in action.outcomes),
-        )
-        for action in capability.external
-    )
+    actions = (action.mapped(change) for action in capability.external)
     return replace(
         capability,
         external=tuple(possible(actions)),
@@ -165,8 +157,6 @@ def _objective(objective: DeclaredObjective, change: Change) -> DeclaredObjectiv
         ),
         ends_after=condition(objective.ends_after),
         ends_in=condition(objective.ends_in),
-        goal=condition(objective.goal),
         unsafe=condition(objective.unsafe),
-        labels={name: change(where) for name, where in objective.labels.items()},
         processes=_processes(objective.processes, change),
     )

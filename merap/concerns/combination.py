@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from merap.concerns.composition import compose
+from merap.concerns.external_action import ExternalAction
 from merap.concerns.innate import Innate
 from merap.concerns.processes import DeclaredProcess
 from merap.concerns.space import Attribute, Space, passable
@@ -24,7 +25,7 @@ from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Constants, Expression
-from merap.program.form import TRUE, Program
+from merap.program.form import Program
 
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]
@@ -70,44 +71,15 @@ class Environment(Configuration):
         blocked: bool [P], locations that are obstructed.
         blocked_edges: bool [P, L], edges that are obstructed.
         attributes: of the locations, as this configuration sets them.
-        processes: of the environment, in declared order.
+        processes: of the environment, in declared order, doors first.
+        locked: names of doors that nobody can pass or change; their edges are blocked.
     """
 
     blocked: Bools
     blocked_edges: Bools
     attributes: tuple[Attribute, ...]
     processes: tuple[DeclaredProcess, ...] = ()
-
-
-@dataclass(frozen=True, repr=False)
-class Outcome(ShortRepr):
-    """One thing an external action can lead to.
-
-    Attributes:
-        move: index of the edge label it goes along; None stays.
-        probability: over the mode and attributes; with a prime, of the location the action's
-            first, intended outcome would lead to, so that complements add up to 1.
-    """
-
-    move: int | None
-    probability: Expression
-
-
-@dataclass(frozen=True, repr=False)
-class ExternalAction(ShortRepr):
-    """An action on the spatial environment (`EA` of the paper, section IV-A).
-
-    Attributes:
-        name: of the action.
-        outcomes: the first is the intended one.
-        on_blocked: a blocked move stays, or disables the action if it is the intended one.
-        requires: condition on the state: where it does not hold the action is disabled.
-    """
-
-    name: str
-    outcomes: tuple[Outcome, ...]
-    on_blocked: Literal["stay", "disable"]
-    requires: Expression = TRUE
+    locked: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,23 +146,21 @@ class DeclaredObjective(Objective):
 
     Attributes:
         start: float64 [P], distribution over start locations.
-        goal: states labelled `goal`; None: there is no goal.
+        goal: bool [P], the locations labelled `goal`.
         rules: first match wins, no match earns 0.
         ends_after: a step that completes the task (source and action); None: no such step.
         ends_in: states (location and mode) that are complete; None: none.
         unsafe: states (location, mode, attributes) to avoid; None: none.
         processes: of the objective, in declared order: they watch, and draw nothing.
-        labels: name -> states, beside `goal` and `unsafe`.
     """
 
     start: Floats
-    goal: Condition | None
+    goal: Bools
     rules: tuple[RewardRule, ...]
     ends_after: Condition | None
     ends_in: Condition | None
     unsafe: Condition | None
     processes: tuple[DeclaredProcess, ...] = ()
-    labels: Mapping[str, Expression] = field(default_factory=dict)
 
     def same_episodes(self, other: Objective) -> bool:
         """Return whether episodes begin alike and last as long."""

@@ -1,9 +1,9 @@
 """Compose a combination: its three concerns as one program.
 
 The rules have numbers: 1 external actions, 2 where they are enabled, 3 innate actions, 4 rewards and ends.
-Three processes step together: `space` owns the location and draws every outcome of external actions,
-`capability` owns the mode and says where external actions are enabled, `objective` owns `done` and stops all
-others in complete states.
+Three processes step together with those that the case declares: `space` owns the location and draws every
+outcome of external actions, `capability` owns the mode and says where external actions are enabled,
+`objective` owns `done` and stops all others in complete states. A case without space has no process `space`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from merap.concerns.conditions import FALSE, all_of
+from merap.concerns.action_sets import joint_outcomes, with_sets
+from merap.concerns.conditions import all_of
 from merap.concerns.location_tables import LocationTables, is_mode, mode_in
 from merap.concerns.processes import as_process, linked
 from merap.mdp.model import Bools, Floats
@@ -43,7 +44,8 @@ from merap.program.form import (
 )
 
 if TYPE_CHECKING:
-    from merap.concerns.combination import Condition, DeclaredCombination, ExternalAction, Outcome
+    from merap.concerns.combination import Condition, DeclaredCombination
+    from merap.concerns.external_action import ExternalAction, Outcome
     from merap.concerns.innate import InnateAction
 
 ONE = Constant(Fraction(1))
@@ -54,12 +56,12 @@ def compose(combination: DeclaredCombination) -> Program:
     """Return the program of a combination; its reward structures are `objective` and `steps`."""
     tables = LocationTables(combination)
     complete = _complete(combination, tables)
-    objective = combination.objective
-    labels = {COMPLETE_LABEL: complete, GOAL_LABEL: FALSE}
-    for name, condition in ((GOAL_LABEL, objective.goal), (UNSAFE_LABEL, objective.unsafe)):
-        if condition is not None:
-            labels[name] = tables.holds(condition)
-    labels |= {name: tables.read(where) for name, where in objective.labels.items()}
+    labels = {
+        COMPLETE_LABEL: complete,
+        GOAL_LABEL: tables.within(combination.objective.goal),
+    }
+    if combination.objective.unsafe is not None:
+        labels[UNSAFE_LABEL] = tables.holds(combination.objective.unsafe)
     rewards = {
         "objective": RewardStructure(tuple(_rules(combination, tables)), first_match=True, shift=SHIFT),
         "steps": RewardStructure((RewardItem(ONE, _not(complete)),)),
@@ -118,13 +120,21 @@ def _processes(
 ) -> tuple[Process, ...]:
     """Return all processes: space, environment, capability, objective; those that are linked are one."""
     actions = _actions(combination)
-    declared = [tables.read_process(one) for one in combination.processes]
+    declared = [tables.read_process(one) for one in with_sets(combination)]
+    joint = {
+        action.name: joint_outcomes(
+            action.mapped(tables.read), declared, space, combination.environment.locked
+        )
+        for action in combination.capability.external
+        if action.is_joint
+    }
     own: dict[str, list[Process]] = {"environment": [], "capability": [], "objective": []}
     for one in declared:
-        own[one.concern].append(as_process(one, actions))
+        decided = {action for action, outcomes in joint.items() if one.name in outcomes[0]}
+        own[one.concern].append(as_process(one, actions, decided))
     capability = _capability(combination, tables)
     order = [space, *own["environment"], capability, *own["capability"], *own["objective"], last]
-    return linked(order, declared)
+    return linked([one for one in order if one.variables or one.commands], declared, joint)
 
 
 def _command(action: str, guard: Expression, *outcomes: Update) -> Command:
@@ -141,7 +151,11 @@ def _space(combination: DeclaredCombination, tables: LocationTables, start: Floa
         "space",
         "environment",
         tuple(_coordinate(combination, name, high) for name, high in bounds),
-        tuple(_external(action, tables) for action in combination.capability.external),
+        tuple(
+            _external(action, tables)
+            for action in combination.capability.external
+            if space.located or action.is_joint
+        ),
         tuple(
             InitialValues(
                 Constant(Fraction(float(start[place]))),
@@ -198,9 +212,9 @@ def _capability(combination: DeclaredCombination, tables: LocationTables) -> Pro
     return Process(
         "capability",
         "capability",
-        (replace(integer(MODE_VARIABLE, 0, len(modes) - 1), kind="named", values=modes),),
+        (replace(integer(MODE_VARIABLE, 0, len(modes) - 1), kind="named", values=modes),) if modes else (),
         tuple(commands),
-        (InitialValues(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))}),),
+        (InitialValues(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))} if modes else {}),),
         f"capability {capability.name}: what the system can do",
     )
 

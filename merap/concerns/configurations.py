@@ -15,14 +15,15 @@ from merap.concerns.parameter_types import ParameterType
 from merap.concerns.parameters import (
     ParameterTypes,
     Values,
+    find_doors,
     find_edges,
     find_locations,
     parse_location_set,
     parse_value,
 )
 from merap.concerns.resolution_context import ResolutionContext
+from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec
 from merap.concerns.schema_base import shown
-from merap.concerns.schema_configurations import ChoiceSpec, GeneratedSpec, NamedSpec
 from merap.concerns.space import Space
 from merap.concerns.supports import Configurations, Generated, Named
 from merap.errors import InputError
@@ -230,6 +231,8 @@ def _pool(context: ResolutionContext, of: ParameterType, source: Any) -> tuple[A
         if everything:
             return tuple(range(space.num_locations))
         return find_locations(parse_location_set(source), space)
+    if of.name == "doors":
+        return tuple(range(len(space.doors))) if everything else find_doors(source, space)
     if everything:
         return tuple(_all_edges(space) if of.is_set else of.numbers(MAX_LISTED))
     if not isinstance(source, tuple):
@@ -256,6 +259,8 @@ def _label(context: ResolutionContext, of: ParameterType, member: Any) -> str:
     space = context.space
     if of.holds_locations:
         return str(space.locations[member])
+    if of.name == "doors":
+        return str(space.doors[member].name)
     if of.is_set:
         source, label = member
         return f"{space.locations[source]}_{space.moves[label]}"

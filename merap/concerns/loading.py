@@ -21,8 +21,7 @@ from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
 from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
-from merap.concerns.schema import CaseSpec
-from merap.concerns.schema_objective import ObjectiveSpec
+from merap.concerns.schema import CaseSpec, ObjectiveSpec
 from merap.concerns.supports import Configurations, DeclaredSupports, Support, Supports
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document
@@ -44,9 +43,19 @@ def read_case(path: Path) -> tuple[Path, Document, CaseSpec]:
     Raises:
         InputError: it can't be read or does not fit the schema.
     """
-    file = _case_file(path)
-    document = _with_space_file(read_document(file), file)
+    file, document = read_document_of(path)
+    document = _with_space_file(document, file)
     return file, document, validate(document, CaseSpec)
+
+
+def read_document_of(path: Path) -> tuple[Path, Document]:
+    """Return the path and the content of a case file, given that or its folder.
+
+    Raises:
+        InputError: it can't be read.
+    """
+    file = _case_file(path)
+    return file, read_document(file)
 
 
 def _case_file(path: Path) -> Path:
@@ -79,9 +88,9 @@ def make_resolvers(context: ResolutionContext, spec: CaseSpec) -> Resolvers:
         InputError: an expression, label, mode or action is wrong.
     """
     return Resolvers(
-        EnvironmentResolver(context, spec.environment),
-        CapabilityResolver(context, spec.capability),
-        ObjectiveResolver(context, spec.objective),
+        EnvironmentResolver(context, spec),
+        CapabilityResolver(context, spec),
+        ObjectiveResolver(context, spec),
     )
 
 
@@ -121,7 +130,7 @@ def make_supports(context: ResolutionContext, spec: CaseSpec, resolvers: Resolve
 def _starts(context: ResolutionContext, spec: ObjectiveSpec, objectives: Configurations) -> set[int]:
     """Return every location where some objective may start."""
     starts: set[int] = set()
-    for point in spec.start or ():
+    for point in spec.start:
         with context.document.at("objective", "start"):
             if isinstance(point.at, str) and point.at in spec.parameters:
                 context.require_location(point.at, spec.parameters)

@@ -88,19 +88,39 @@ class LocationTables:
         return process.mapped(self.read)
 
     def intended(self, expression: Expression, move: int | None) -> Expression:
-        """Return a probability over attributes here and, primed, where a move leads; the mode stays."""
+        """Return a probability over attributes here and, primed, where a move leads; the mode stays.
+
+        A move whose door is closed leads nowhere else.
+        """
         known: dict[str, Expression] = {**self._meanings, f"{MODE_VARIABLE}'": Variable(MODE_VARIABLE, 0)}
         for attribute in self._combination.environment.attributes:
             known[f"{attribute.name}'"] = self._meanings[attribute.name]
             if move is not None:
                 name = f"{attribute.name}_{self._space.moves[move]}"
                 column = attribute.column[self._targets(move)]
-                known[f"{attribute.name}'"] = Lookup(self._table(name, column), self._here)
+                known[f"{attribute.name}'"] = self._through(
+                    move, Lookup(self._table(name, column), self._here), self._meanings[attribute.name]
+                )
         return substitute(expression, known)
 
     def open(self, move: int) -> Expression:
         """Return where a move is possible."""
-        return self._open(move, self._passable[:, move])
+        return all_of([self._open(move, self._passable[:, move]), *self._doors(move)])
+
+    def _doors(self, move: int) -> list[Expression]:
+        """Return conditions under which no closed door is in the way of a move."""
+        conditions: list[Expression] = []
+        for door in self._space.doors:
+            in_the_way = door.edges[:, move] & self._passable[:, move]
+            if in_the_way.any():
+                elsewhere = Operation("!", (self.within(in_the_way),))
+                conditions.append(Operation("|", (elsewhere, Variable(door.name, 0))))
+        return conditions
+
+    def _through(self, move: int, there: Expression, here: Expression) -> Expression:
+        """Return what holds where a move leads, or here if a closed door is in its way."""
+        doors = self._doors(move)
+        return Operation("?:", (all_of(doors), there, here)) if doors else there
 
     def successor(self, move: int) -> Mapping[str, Expression]:
         """Return what a move makes of the location variables; those that it never changes are left out."""
@@ -108,7 +128,7 @@ class LocationTables:
             after = self._space.valuations[self._targets(move)]
             columns = zip(self._space.variable_names, self._space.valuations.T, after.T, strict=True)
             self._successors[move] = {
-                name: self._moved(move, name, old, new)
+                name: self._through(move, self._moved(move, name, old, new), Variable(name, 0))
                 for name, old, new in columns
                 if not np.array_equal(old, new)
             }

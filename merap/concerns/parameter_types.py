@@ -15,10 +15,11 @@ from merap.program.expressions import Kind, exact
 from merap.program.names import IDENTIFIER, check_name, suggestion
 
 TypeName: TypeAlias = Literal[
-    "location", "locations", "edges", "probability", "int", "real", "bool", "values"
+    "location", "locations", "edges", "doors", "probability", "int", "real", "bool", "values"
 ]
 NUMBERS: tuple[TypeName, ...] = ("int", "real", "probability")
-BARE: tuple[TypeName, ...] = ("location", "locations", "edges", "probability", "int", "real", "bool")
+SPATIAL: tuple[TypeName, ...] = ("location", "locations", "edges", "doors")
+BARE: tuple[TypeName, ...] = (*SPATIAL, "probability", "int", "real", "bool")
 _ALLOWED = (
     f"{', '.join(BARE)}, or a mapping of int, real or probability to [least, greatest] or of values to a list"
 )
@@ -49,7 +50,7 @@ class ParameterType:
     @property
     def is_set(self) -> bool:
         """Whether a value is a set, of which members can be chosen."""
-        return self.name in ("locations", "edges")
+        return self.name in ("locations", "edges", "doors")
 
     @property
     def holds_locations(self) -> bool:
@@ -59,7 +60,7 @@ class ParameterType:
     @property
     def kind(self) -> Kind | None:
         """What expressions read; None: they can't read it."""
-        if self.name == "edges":
+        if self.name in ("edges", "doors"):
             return None
         return "locations" if self.holds_locations else "bool" if self.name == "bool" else "number"
 
@@ -90,7 +91,7 @@ class ParameterType:
         raise InputError(f"all needs {domain}: this parameter is of type {self.name}")
 
     def parse(self, raw: Any) -> Fraction | bool:
-        """Return the canonical form of a value that is no location or edge.
+        """Return the canonical form of a value that is no location, edge or door.
 
         Raises:
             InputError: it is not in the domain.

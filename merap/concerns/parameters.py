@@ -41,6 +41,8 @@ def parse_value(of: ParameterType, raw: Any, space: Space) -> ParameterValue:
         if len(indices) != 1:
             raise InputError(f"expected one location, got {shown(raw)}")
         return indices[0]
+    if of.name == "doors":
+        return tuple(sorted(set(find_doors(raw, space))))
     return _parse_edges(raw, space) if of.is_set else of.parse(raw)
 
 
@@ -58,6 +60,7 @@ def find_locations(refs: LocationSet, space: Space) -> tuple[int, ...]:
     Raises:
         InputError: a location is not there.
     """
+    _require_space(space)
     if isinstance(refs, Box):
         return _cells(refs, space)
     return tuple(find_location(ref, space) for ref in refs)
@@ -69,6 +72,7 @@ def find_location(ref: LocationRef, space: Space) -> int:
     Raises:
         InputError: it is not there.
     """
+    _require_space(space)
     if isinstance(ref, str):
         if ref not in space.location_index:
             raise InputError(f"unknown location {ref!r}{suggestion(ref, space.locations)}")
@@ -79,6 +83,11 @@ def find_location(ref: LocationRef, space: Space) -> int:
     if not (0 <= ref[0] < rows and 0 <= ref[1] < cols):
         raise InputError(f"unknown location {list(ref)}: rows are 0 to {rows - 1}, columns 0 to {cols - 1}")
     return ref[0] * cols + ref[1]
+
+
+def _require_space(space: Space) -> None:
+    if not space.located:
+        raise InputError("this speaks of locations, and the case has no space")
 
 
 def _cells(box: Box, space: Space) -> tuple[int, ...]:
@@ -117,6 +126,21 @@ def find_edges(entry: Any, space: Space) -> tuple[Edge, ...]:
     return tuple((source, index) for index in labels)
 
 
+def find_doors(raw: Any, space: Space) -> tuple[int, ...]:
+    """Return the indices of doors, in the order given.
+
+    Raises:
+        InputError: it is no list, or a door is not there.
+    """
+    known = [door.name for door in space.doors]
+    if not isinstance(raw, tuple):
+        raise InputError(f"expected a list of doors, got {shown(raw)}")
+    for name in raw:
+        if name not in known:
+            raise InputError(f"unknown door {shown(name)}{suggestion(str(name), known)}")
+    return tuple(known.index(name) for name in raw)
+
+
 def _edge_end(raw: Any, space: Space) -> int:
     refs = parse_location_set(raw)
     if isinstance(refs, Box) or len(refs) != 1:
@@ -130,6 +154,8 @@ def present(of: ParameterType, value: Any, space: Space) -> Any:
         return _present_location(value, space)
     if of.name == "locations":
         return [_present_location(index, space) for index in value]
+    if of.name == "doors":
+        return [space.doors[index].name for index in value]
     if of.name == "edges":
         return [
             [

@@ -6,11 +6,12 @@ processes are linked: they draw one joint outcome, and are one process of the pr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 from itertools import product
+from typing import TypeAlias
 
 from merap.concerns.conditions import all_of, none_of
 from merap.errors import InputError
@@ -27,6 +28,7 @@ from merap.program.form import (
     Update,
     whole,
 )
+from merap.program.joint_draws import joint_draws
 
 ONE, NOUGHT = Constant(Fraction(1)), Constant(Fraction(0))
 
@@ -44,6 +46,14 @@ class Change(ShortRepr):
     actions: frozenset[str] | None
     where: Expression
     outcomes: Draw
+
+    def mapped(self, change: Callable[[Expression], Expression]) -> Change:
+        """Return the change with every expression changed."""
+        outcomes = tuple(
+            Update(change(one.probability), {name: change(value) for name, value in one.assignments.items()})
+            for one in self.outcomes
+        )
+        return Change(self.actions, change(self.where), outcomes)
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,20 +76,17 @@ class DeclaredProcess(ShortRepr):
 
     def mapped(self, change: Callable[[Expression], Expression]) -> DeclaredProcess:
         """Return the process with every expression changed."""
-
-        def values(own: Mapping[str, Expression]) -> dict[str, Expression]:
-            return {name: change(value) for name, value in own.items()}
-
-        def outcomes(draw: Draw) -> Draw:
-            return tuple(Update(change(one.probability), values(one.assignments)) for one in draw)
-
-        return replace(
-            self,
-            initial=tuple(InitialValues(change(one.probability), values(one.values)) for one in self.initial),
-            changes=tuple(
-                Change(one.actions, change(one.where), outcomes(one.outcomes)) for one in self.changes
-            ),
+        initial = tuple(
+            InitialValues(
+                change(one.probability), {name: change(value) for name, value in one.values.items()}
+            )
+            for one in self.initial
         )
+        return replace(self, initial=initial, changes=tuple(one.mapped(change) for one in self.changes))
+
+    def changes_with(self, action: str) -> list[Change]:
+        """Return the changes that an action may make, in their order."""
+        return [one for one in self.changes if one.actions is None or action in one.actions]
 
     def check_start(self) -> None:
         """Refuse initial values that are missing or out of range, and probabilities that do not sum to 1.
@@ -107,15 +114,24 @@ class DeclaredProcess(ShortRepr):
                     raise InputError(f"the initial value of {variable.name} is {value}, allowed is {allowed}")
 
 
-def as_process(declared: DeclaredProcess, actions: Sequence[str]) -> Process:
-    """Return the process, with commands that exclude each other for each action that it changes with."""
+def as_process(declared: DeclaredProcess, actions: Sequence[str], joint: Collection[str] = ()) -> Process:
+    """Return the process, with commands that exclude each other for each action that it changes with.
+
+    Args:
+        declared: the process.
+        actions: of the system.
+        joint: those of them with one command, whose draw is put in the place of another when processes are
+            linked.
+    """
     commands: list[Command] = []
     for action in actions:
-        changes = [one for one in declared.changes if one.actions is None or action in one.actions]
-        if changes and any(_primed(one) for one in changes):
-            commands.append(_drawn(declared.name, action, changes))
+        changes = declared.changes_with(action)
+        place = f"[{action}] of {declared.name}"
+        if action in joint or any(_primed(one) for one in changes):
+            commands.append(Command(action, TRUE, (draw_of(changes),), place))
         elif changes:
-            commands += _guarded(declared.name, action, changes)
+            guarded = _first_matches(changes)
+            commands += [Command(action, guard, (outcomes,), place) for guard, outcomes in guarded]
     meaning = f"{declared.concern}: {declared.name}"
     return Process(
         declared.name, declared.concern, declared.variables, tuple(commands), declared.initial, meaning
@@ -133,21 +149,15 @@ def _first_matches(changes: Sequence[Change]) -> Iterator[tuple[Expression, Draw
     yield none_of(before), (Update(ONE),)
 
 
-def _guarded(name: str, action: str, changes: Sequence[Change]) -> Iterator[Command]:
-    for guard, outcomes in _first_matches(changes):
-        yield Command(action, guard, (outcomes,), f"[{action}] of {name}")
-
-
-def _drawn(name: str, action: str, changes: Sequence[Change]) -> Command:
-    """Return one command: what it reads of the step is known only when it draws."""
+def draw_of(changes: Sequence[Change]) -> Draw:
+    """Return what changes draw where it is known only when they draw which of them is the first to match."""
     if all(one.outcomes == (replace(one.outcomes[0], probability=ONE),) for one in changes):
-        return Command(action, TRUE, ((Update(ONE, _decided(changes)),),), f"[{action}] of {name}")
-    outcomes = [
+        return (Update(ONE, _decided(changes)),)
+    return tuple(
         outcome if where == TRUE else Update(_where(where, outcome.probability), outcome.assignments)
         for where, own in _first_matches(changes)
         for outcome in own
-    ]
-    return Command(action, TRUE, (tuple(outcomes),), f"[{action}] of {name}")
+    )
 
 
 def _decided(changes: Sequence[Change]) -> dict[str, Expression]:
@@ -173,12 +183,22 @@ def _primed(change: Change) -> set[str]:
     return {one.name[:-1] for part in parts for one in variables(part) if one.name.endswith("'")}
 
 
-def linked(processes: Sequence[Process], declared: Sequence[DeclaredProcess]) -> tuple[Process, ...]:
-    """Put processes together of which one reads what another becomes, where the last of them stands.
+# For an action whose outcomes decide what processes become: for each of them process -> what it draws.
+Joint: TypeAlias = Mapping[str, Sequence[Mapping[str, Draw]]]
+NO_JOINT: Joint = {}
+
+
+def linked(
+    processes: Sequence[Process], declared: Sequence[DeclaredProcess], joint: Joint
+) -> tuple[Process, ...]:
+    """Put processes together that draw one outcome, where the last of them stands.
+
+    They are those of which one reads what another becomes, and those that an action's outcome decides.
 
     Args:
         processes: all of a program, in order of declaration.
         declared: those of them that a case declares.
+        joint: actions whose outcomes decide what processes become.
 
     Raises:
         InputError: one reads what it becomes itself, or what a later one becomes.
@@ -186,37 +206,49 @@ def linked(processes: Sequence[Process], declared: Sequence[DeclaredProcess]) ->
     owner = {one.name: place for place, process in enumerate(processes) for one in process.variables}
     places = {process.name: place for place, process in enumerate(processes)}
     group = list(range(len(processes)))
+    pairs = [
+        (places[name], places[other])
+        for outcomes in joint.values()
+        for name, *others in (list(dict.fromkeys(name for drawn in outcomes for name in drawn)),)
+        for other in others
+    ]
     for one in declared:
-        place = places[one.name]
         for name in sorted({name for change in one.changes for name in _primed(change)}):
-            if owner[name] >= place:
+            if owner[name] >= places[one.name]:
                 other = processes[owner[name]].name
                 raise InputError(
                     f"{one.name} reads what {name} becomes, which {other} decides: "
                     "only processes declared earlier can be read so"
                 )
-            old, new = group[owner[name]], group[place]
-            group = [new if number == old else number for number in group]
+            pairs.append((owner[name], places[one.name]))
+    for first, second in pairs:
+        old, new = group[first], group[second]
+        group = [new if number == old else number for number in group]
     members = {
         number: [process for process, own in zip(processes, group, strict=True) if own == number]
         for number in sorted(set(group))
     }
     last = {max(places[process.name] for process in own): own for own in members.values()}
-    return tuple(together(last[place]) for place in sorted(last))
+    return tuple(together(last[place], joint) for place in sorted(last))
 
 
-def together(members: Sequence[Process]) -> Process:
+def together(members: Sequence[Process], joint: Joint = NO_JOINT) -> Process:
     """Return one process that does what some do side by side; the last of them names it."""
     if len(members) == 1:
         return members[0]
     actions = dict.fromkeys(command.action for process in members for command in process.commands)
     commands: list[Command] = []
     for action in actions:
-        known = [[one for one in process.commands if one.action == action] for process in members]
-        for chosen in product(*filter(None, known)):
+        known = {
+            process.name: [one for one in process.commands if one.action == action] for process in members
+        }
+        known = {name: own for name, own in known.items() if own}
+        for chosen in product(*known.values()):
+            draws = {name: one.draws for name, one in zip(known, chosen, strict=True)}
             guard = all_of([one.guard for one in chosen])
-            draws = tuple(draw for one in chosen for draw in one.draws)
-            commands.append(Command(action, guard, draws, chosen[-1].place))
+            commands.append(
+                Command(action, guard, _draws(draws, joint.get(action or "", ())), chosen[-1].place)
+            )
     starts = tuple(_joint_start(chosen) for chosen in product(*(process.initial for process in members)))
     return Process(
         members[-1].name,
@@ -225,6 +257,21 @@ def together(members: Sequence[Process]) -> Process:
         tuple(commands),
         starts,
         "; ".join(process.meaning for process in members),
+    )
+
+
+def _draws(own: Mapping[str, tuple[Draw, ...]], outcomes: Sequence[Mapping[str, Draw]]) -> tuple[Draw, ...]:
+    """Return the draws of processes one after the other; one draw of all, where outcomes decide them."""
+    if not own.keys() & {name for drawn in outcomes for name in drawn}:
+        return tuple(draw for draws in own.values() for draw in draws)
+    return (
+        tuple(
+            update
+            for drawn in outcomes
+            for update in joint_draws(
+                [draw for name, draws in own.items() for draw in ([drawn[name]] if name in drawn else draws)]
+            )
+        ),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,10 +25,7 @@ from merap.program.expressions import (
     Constant,
     Expression,
     Kind,
-    Lookup,
-    Operation,
     Value,
-    Variable,
     check,
     exact,
     parse,
@@ -50,7 +47,6 @@ class ResolutionContext(ShortRepr):
         actions: names of external, innate and `start_*` actions.
         parameters: of each concern.
         variables: those of processes by name, with the concern that owns them.
-        labels: of the objective, in double quotes -> the resolved condition.
         definitions: name, or label in quotes -> what it stands for, in names that are resolved then.
     """
 
@@ -60,7 +56,6 @@ class ResolutionContext(ShortRepr):
     actions: tuple[str, ...]
     parameters: Mapping[ConcernName, ParameterTypes] = field(default_factory=dict)
     variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
-    labels: Mapping[str, Expression] = field(default_factory=dict)
     definitions: Mapping[str, Expression] = field(default_factory=dict)
 
     def names(
@@ -81,13 +76,12 @@ class ResolutionContext(ShortRepr):
             frozenset(primed),
             of_state,
             foreign,
-            self.labels if reader == "objective" and of_state else {},
         )
 
     def compile(
         self,
         path: KeyPath,
-        given: str | float | bool | Expression,
+        given: str | float | bool,
         names: ExpressionNames,
         expected: Kind,
         values: Mapping[str, Value] = NO_VALUES,
@@ -96,7 +90,7 @@ class ResolutionContext(ShortRepr):
 
         Args:
             path: its place.
-            given: the expression, as text or parsed.
+            given: the expression.
             names: that it may use.
             expected: its type.
             values: names of values that may stand for the whole.
@@ -105,8 +99,10 @@ class ResolutionContext(ShortRepr):
             InputError: with its place.
         """
         with self.document.at(*path):
-            read = substitute(as_expression(given), self.definitions)
-            expression = names.resolve(read, values)
+            if isinstance(given, str):
+                expression = names.resolve(substitute(parse(given), self.definitions), values)
+            else:
+                expression = Constant(given if isinstance(given, bool) else exact(given))
             check(expression, names.kinds, expected)
             return expression
 
@@ -166,20 +162,17 @@ def frozen(array: Bools) -> Bools:
     return array
 
 
-def as_expression(given: str | float | bool | Expression) -> Expression:
-    """Return what a value of the file says as an expression; numbers stay exact.
-
-    Raises:
-        InputError: a syntax error.
-    """
-    if isinstance(given, str):
-        return parse(given)
-    if isinstance(given, Constant | Variable | Operation | Lookup):
-        return given
-    return Constant(given if isinstance(given, bool) else exact(given))
-
-
 def names_in(expressions: list[Expression]) -> set[str]:
     """Return the names of the variables in some expressions, without primes."""
     read = (variable for expression in expressions for variable in variables(expression))
     return {variable.name.removesuffix("'") for variable in read}
+
+
+def noting(found: list[Expression]) -> Callable[[Expression], Expression]:
+    """Return a function that adds what it is given to a list and returns it."""
+
+    def note(expression: Expression) -> Expression:
+        found.append(expression)
+        return expression
+
+    return note

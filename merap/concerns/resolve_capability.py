@@ -5,45 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from functools import partial
 
 from merap.concerns.closing import possible
-from merap.concerns.combination import Capability, ExternalAction, Outcome
+from merap.concerns.combination import Capability
 from merap.concerns.document import KeyPath
-from merap.concerns.expression_names import ExpressionNames
+from merap.concerns.expression_names import CONCERNS, ExpressionNames
+from merap.concerns.external_action import ExternalAction, Outcome, Sets
 from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.parameters import Values, constants, held_locations, present_all
-from merap.concerns.resolution_context import ResolutionContext, names_in
-from merap.concerns.resolve_processes import ProcessResolver
-from merap.concerns.schema import CapabilitySpec
+from merap.concerns.resolution_context import ResolutionContext, names_in, noting
+from merap.concerns.resolve_changes import ChangeReader
+from merap.concerns.resolve_processes import ProcessResolver, process_entries
+from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_capability import STAY, ActionSpec, InnateSpec, OutcomeSpec, restarts
+from merap.concerns.schema_processes import SetSpec
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Constant, Constants, Expression, Operation, fold
+from merap.program.form import StateVariable
 from merap.program.names import suggestion
 
 NO_ENTRY = "no_entry"
 ONE = Constant(Fraction(1))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class OutcomeTemplate(ShortRepr):
-    """One thing an action can lead to, with its place in the file."""
-
-    path: KeyPath
-    move: int | None
-    probability: Expression
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ActionTemplate(ShortRepr):
-    """An external action before parameters are put in."""
-
-    name: str
-    requires: Expression
-    on_blocked: Literal["stay", "disable"]
-    outcomes: tuple[OutcomeTemplate, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,49 +50,74 @@ class CapabilityResolver:
         InputError: an expression is wrong, or a label or mode unknown.
     """
 
-    def __init__(self, context: ResolutionContext, spec: CapabilitySpec) -> None:
+    def __init__(self, context: ResolutionContext, case: CaseSpec) -> None:
         self.context = context
-        self.spec = spec
+        self.spec = spec = case.capability
+        self._changes = ChangeReader(context, "capability")
+        self._settable = {
+            entry.name: entry for concern in CONCERNS for entry in process_entries(case, concern)
+        }
         self.actions = tuple(self._action(name, entry) for name, entry in spec.actions.items())
         self.innate = self._innate(spec.innate) if spec.innate is not None else None
-        self.processes = ProcessResolver(context, "capability", spec.processes)
+        self.processes = ProcessResolver(context, process_entries(case, "capability"))
 
     @property
     def _own(self) -> ExpressionNames:
         """The automaton is the system's alone: it reads parameters of the capability."""
         return self.context.names("capability", of_state=False, foreign=False)
 
-    def _action(self, name: str, spec: ActionSpec) -> ActionTemplate:
+    def _action(self, name: str, spec: ActionSpec) -> ExternalAction:
         path = ("capability", "actions", name)
-        states = self.context.names("capability")
-        requires = self.context.compile((*path, "requires"), spec.requires, states, "bool")
+        requires = self.context.compile(
+            (*path, "requires"), spec.requires, self.context.names("capability"), "bool"
+        )
         if spec.outcomes is not None:
             outcomes = self._listed_outcomes((*path, "outcomes"), spec.outcomes)
         elif spec.move is not None:
             outcomes = self._move_or_otherwise(path, spec.move, spec)
         else:
-            outcomes = (OutcomeTemplate(path, None, ONE),)
-        return ActionTemplate(name, requires, spec.on_blocked, outcomes)
+            outcomes = (Outcome(None, ONE),)
+        return ExternalAction(
+            name, outcomes, spec.on_blocked, requires, self._sets((*path, "sets"), spec.sets)
+        )
 
-    def _listed_outcomes(self, path: KeyPath, specs: tuple[OutcomeSpec, ...]) -> tuple[OutcomeTemplate, ...]:
+    def _listed_outcomes(self, path: KeyPath, specs: tuple[OutcomeSpec, ...]) -> tuple[Outcome, ...]:
         return tuple(
-            OutcomeTemplate(
-                (*path, index),
+            Outcome(
                 self._move((*path, index, "move"), spec.move),
                 self._probability((*path, index, "probability"), spec.probability),
+                self._sets((*path, index, "sets"), spec.sets),
             )
             for index, spec in enumerate(specs)
         )
 
-    def _move_or_otherwise(self, path: KeyPath, label: str, spec: ActionSpec) -> tuple[OutcomeTemplate, ...]:
+    def _move_or_otherwise(self, path: KeyPath, label: str, spec: ActionSpec) -> tuple[Outcome, ...]:
         probability = self._probability(
             (*path, "probability"), 1 if spec.probability is None else spec.probability
         )
         otherwise = self._move((*path, "otherwise"), spec.otherwise or STAY)
         return (
-            OutcomeTemplate(path, self._move((*path, "move"), label), probability),
-            OutcomeTemplate(path, otherwise, Operation("-", (ONE, probability))),
+            Outcome(self._move((*path, "move"), label), probability),
+            Outcome(otherwise, Operation("-", (ONE, probability))),
         )
+
+    def _sets(self, path: KeyPath, specs: Mapping[str, SetSpec]) -> Sets:
+        return tuple(
+            (name, self._changes.change((*path, name), spec, self._set_process((*path, name), name), None))
+            for name, spec in specs.items()
+        )
+
+    def _set_process(self, path: KeyPath, name: str) -> Mapping[str, StateVariable]:
+        """Return the variables of a process that actions may set."""
+        entry = self._settable.get(name)
+        if entry is None:
+            known = [one.name for one in self._settable.values() if one.concern != "objective"]
+            raise self.context.document.error(path, f"unknown process {name!r}{suggestion(name, known)}")
+        if entry.concern == "objective":
+            raise self.context.document.error(
+                path, f"the process {name} belongs to the objective, which only watches"
+            )
+        return entry.variables
 
     def _probability(self, path: KeyPath, given: float | str) -> Expression:
         return self.context.compile(
@@ -169,7 +179,10 @@ class CapabilityResolver:
             InputError: the parameters make an expression undefined or a distribution wrong.
         """
         known = constants("capability", self.spec.parameters, values, self.context.space)
-        external = (self._fold_action(template, name, known) for template in self.actions)
+        external = (
+            action.mapped(partial(self._fold, ("capability", "actions", action.name), name, known))
+            for action in self.actions
+        )
         return Capability(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
@@ -180,27 +193,15 @@ class CapabilityResolver:
             processes=self.processes(name, known),
         )
 
-    def _fold(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> Expression:
+    def _fold(self, path: KeyPath, name: str, known: Constants, expression: Expression) -> Expression:
         try:
             return fold(expression, known)
         except InputError as error:
             raise self.context.document.error(path, f"{error.message} (capability {name})") from error
 
     def _holds(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> bool:
-        folded = self._fold((*path, "requires"), name, expression, known)
+        folded = self._fold((*path, "requires"), name, known, expression)
         return isinstance(folded, Constant) and bool(folded.value)
-
-    def _fold_action(self, template: ActionTemplate, name: str, known: Constants) -> ExternalAction:
-        path = ("capability", "actions", template.name, "requires")
-        return ExternalAction(
-            template.name,
-            tuple(
-                Outcome(outcome.move, self._fold(outcome.path, name, outcome.probability, known))
-                for outcome in template.outcomes
-            ),
-            template.on_blocked,
-            self._fold(path, name, template.requires, known),
-        )
 
     def _fold_innate(self, name: str, known: Constants) -> Innate | None:
         template, spec = self.innate, self.spec.innate
@@ -226,7 +227,7 @@ class CapabilityResolver:
         folded: dict[int, Fraction] = {}
         for target, expression in row.items():
             place = (*path, self.context.modes[target])
-            value = self._fold(place, name, expression, known)
+            value = self._fold(place, name, known, expression)
             assert isinstance(value, Constant)
             probability = Fraction(value.value)
             if not 0 <= probability <= 1:
@@ -244,9 +245,9 @@ class CapabilityResolver:
 
     def names_read(self) -> set[str]:
         """Return the resolved names of the parameters that expressions read."""
-        found = [template.requires for template in self.actions]
-        found += self.processes.expressions
-        found += [outcome.probability for template in self.actions for outcome in template.outcomes]
+        found = [*self.processes.expressions]
+        for action in self.actions:
+            action.mapped(noting(found))
         if self.innate is not None:
             found.append(self.innate.requires)
             rows = [row for rows in self.innate.actions.values() for row in rows.values()]

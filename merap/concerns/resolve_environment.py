@@ -21,17 +21,18 @@ from merap.concerns.parameters import (
 )
 from merap.concerns.reachability import leaves_goals_reachable
 from merap.concerns.resolution_context import ResolutionContext, frozen, names_in
-from merap.concerns.resolve_processes import ProcessResolver
+from merap.concerns.resolve_processes import ProcessResolver, process_entries
 from merap.concerns.resolve_space import apply_settings
-from merap.concerns.schema import EnvironmentSpec
+from merap.concerns.schema import CaseSpec, EnvironmentSpec
 from merap.concerns.schema_base import Box
-from merap.concerns.space import Attribute
+from merap.concerns.space import Attribute, Door
 from merap.mdp.model import Bools, Ints
 from merap.mdp.short_repr import ShortRepr
 from merap.program.names import suggestion
 
 BLOCKED = "blocked"
 BLOCKED_EDGES = "blocked_edges"
+LOCKED = "locked"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,13 +40,18 @@ class EnvironmentResolver(ShortRepr):
     """Makes environments from parameter values; call it with a name and values."""
 
     context: ResolutionContext
-    spec: EnvironmentSpec
+    case: CaseSpec
     _known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = field(default_factory=dict)
+
+    @property
+    def spec(self) -> EnvironmentSpec:
+        """What the file says of the environment."""
+        return self.case.environment
 
     @cached_property
     def processes(self) -> ProcessResolver:
         """Resolves its processes."""
-        return ProcessResolver(self.context, "environment", self.spec.processes)
+        return ProcessResolver(self.context, process_entries(self.case, "environment"))
 
     def __post_init__(self) -> None:
         assert self.processes is not None  # what is wrong with them is found here
@@ -70,17 +76,26 @@ class EnvironmentResolver(ShortRepr):
             known=known,
             blocked=self.context.mask(held_locations(values, BLOCKED)),
             blocked_edges=self._blocked_edges(values),
+            locked=frozenset(door.name for door in self._locked(values)),
             attributes=self._attributes(values),
             processes=self.processes(name, known),
         )
 
     def _blocked_edges(self, values: Values) -> Bools:
         edges: tuple[Edge, ...] = values.get(BLOCKED_EDGES, ())  # type: ignore[assignment]
-        if not edges:
+        locked = self._locked(values)
+        if not edges and not locked:
             return self._no_edges
         mask = np.zeros_like(self._no_edges)
-        mask[tuple(np.array(edges).T)] = True
+        if edges:
+            mask[tuple(np.array(edges).T)] = True
+        for door in locked:
+            mask |= door.edges
         return frozen(mask)
+
+    def _locked(self, values: Values) -> list[Door]:
+        held: tuple[int, ...] = values.get(LOCKED, ())  # type: ignore[assignment]
+        return [self.context.space.doors[index] for index in held]
 
     @cached_property
     def _no_edges(self) -> Bools:
@@ -142,6 +157,6 @@ class EnvironmentResolver(ShortRepr):
             True
         )
         edges = None
-        if BLOCKED_EDGES in self.spec.parameters:
+        if {BLOCKED_EDGES, LOCKED} & self.spec.parameters.keys():
             edges = np.stack([self._blocked_edges(values) for values in listed])
         return leaves_goals_reachable(self.context.space, starts, goals, closed, edges)

@@ -2,28 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product
 
 from merap.concerns.document import KeyPath
-from merap.concerns.expression_names import STEP, ExpressionNames, numbered
-from merap.concerns.processes import Change, DeclaredProcess
-from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.schema_processes import ANY, Draw, ProcessSpec, VariableSpec
+from merap.concerns.processes import DeclaredProcess
+from merap.concerns.resolution_context import ResolutionContext, noting
+from merap.concerns.resolve_changes import ChangeReader
+from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_processes import ProcessSpec, VariableSpec
 from merap.errors import InputError
-from merap.program.expressions import Constant, Constants, Expression, Kind, Operation, fold
-from merap.program.form import ConcernName, InitialValues, StateVariable, Update, boolean, integer
-from merap.program.names import suggestion
-
-ONE = Constant(Fraction(1))
+from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Constant, Constants, Expression, Operation, fold
+from merap.program.form import ConcernName, InitialValues, StateVariable, boolean, integer
 
 
-def variables_of(name: str, spec: ProcessSpec) -> dict[str, StateVariable]:
-    """Return the variables of a process by name."""
-    specs: Mapping[str, VariableSpec] = spec.variables or {name: spec}
-    return {own: _variable(own, one) for own, one in specs.items()}
+@dataclass(frozen=True, eq=False, repr=False)
+class ProcessEntry(ShortRepr):
+    """A process of the file, or a door, which is one.
+
+    Attributes:
+        path: where it stands.
+        concern: that owns it.
+        name: of the process.
+        spec: what the file says.
+        initial_key: the key of its initial values.
+    """
+
+    path: KeyPath
+    concern: ConcernName
+    name: str
+    spec: ProcessSpec
+    initial_key: str = "initial"
+
+    @cached_property
+    def variables(self) -> dict[str, StateVariable]:
+        """Its variables by name."""
+        specs: Mapping[str, VariableSpec] = self.spec.variables or {self.name: self.spec}
+        return {own: _variable(own, one) for own, one in specs.items()}
+
+
+def process_entries(spec: CaseSpec, concern: ConcernName) -> tuple[ProcessEntry, ...]:
+    """Return the processes of a concern in order; doors are the first of the environment."""
+    doors = spec.space.doors if spec.space is not None and concern == "environment" else {}
+    own: Mapping[str, ProcessSpec] = getattr(spec, concern).processes
+    return (
+        *(
+            ProcessEntry(("space", "doors", name), concern, name, door.process, "open")
+            for name, door in doors.items()
+        ),
+        *(ProcessEntry((concern, "processes", name), concern, name, one) for name, one in own.items()),
+    )
 
 
 def _variable(name: str, spec: VariableSpec) -> StateVariable:
@@ -41,134 +73,37 @@ class ProcessResolver:
 
     Args:
         context: what the case has in common.
-        concern: that owns them.
-        specs: by name.
+        entries: all of one concern.
 
     Raises:
         InputError: an expression is wrong, or an action or variable unknown.
     """
 
-    def __init__(
-        self,
-        context: ResolutionContext,
-        concern: ConcernName,
-        specs: Mapping[str, ProcessSpec],
-    ) -> None:
-        self._context, self._concern = context, concern
-        self._names = context.names(concern, primed=STEP)
-        self._start_names = context.names(concern, of_state=False)
-        self._templates = [self._template(name, spec) for name, spec in specs.items()]
+    def __init__(self, context: ResolutionContext, entries: Sequence[ProcessEntry]) -> None:
+        self._context, self._entries = context, entries
+        self._templates = [self._template(entry) for entry in entries]
 
-    def _template(self, name: str, spec: ProcessSpec) -> DeclaredProcess:
-        path = (self._concern, "processes", name)
-        own = variables_of(name, spec)
+    def _template(self, entry: ProcessEntry) -> DeclaredProcess:
+        reader, own = ChangeReader(self._context, entry.concern), entry.variables
         changes = []
-        for index, change in enumerate(spec.changes):
-            place = (*path, "changes", index)
-            where = self._context.compile((*place, "where"), change.where, self._names, "bool")
-            outcomes = self._outcomes((*place, "set"), change.set, own, self._names)
-            if self._concern == "objective" and len(outcomes) > 1:
+        for index, change in enumerate(entry.spec.changes):
+            place = (*entry.path, "changes", index)
+            actions = reader.actions((*place, "action"), change.action)
+            changes.append(reader.change(place, change, own, actions))
+            if entry.concern == "objective" and len(changes[-1].outcomes) > 1:
                 raise self._context.document.error(
                     (*place, "set"), "a process of the objective watches: it can't draw, give one value"
                 )
-            changes.append(Change(self._actions((*place, "action"), change.action), where, outcomes))
         return DeclaredProcess(
-            name, self._concern, tuple(own.values()), self._initial(path, spec, own), tuple(changes)
-        )
-
-    def _actions(self, path: KeyPath, names: tuple[str, ...] | None) -> frozenset[str] | None:
-        if names is None or ANY in names:
-            return None
-        for name in names:
-            if name not in self._context.actions:
-                raise self._context.document.error(
-                    path, f"unknown action {name!r}{suggestion(name, self._context.actions)}"
-                )
-        return frozenset(names)
-
-    def _outcomes(
-        self,
-        path: KeyPath,
-        draws: tuple[Draw, ...],
-        own: Mapping[str, StateVariable],
-        names: ExpressionNames,
-    ) -> tuple[Update, ...]:
-        chances = [
-            None
-            if draw.probability is None
-            else self._context.compile((*path, *draw.path, "probability"), draw.probability, names, "number")
-            for draw in draws
-        ]
-        rest: Expression = ONE
-        for chance in chances:
-            rest = rest if chance is None else Operation("-", (rest, chance))
-        return tuple(
-            Update(rest if chance is None else chance, self._values(path, draw, own, names))
-            for chance, draw in zip(chances, draws, strict=True)
-        )
-
-    def _values(
-        self, path: KeyPath, draw: Draw, own: Mapping[str, StateVariable], names: ExpressionNames
-    ) -> dict[str, Expression]:
-        place = (*path, *draw.path, *([] if draw.key is None else [draw.key]))
-        values = draw.values
-        if not isinstance(values, Mapping):
-            if len(own) > 1:
-                raise self._context.document.error(place, f"give values by name: {', '.join(own)}")
-            return {name: self._value(place, values, one, names) for name, one in own.items()}
-        found = {}
-        for name, value in values.items():
-            if name not in own:
-                raise self._context.document.error(
-                    (*place, name), f"unknown variable {name!r} of the process{suggestion(name, own)}"
-                )
-            found[name] = self._value((*place, name), value, own[name], names)
-        return found
-
-    def _value(
-        self, path: KeyPath, given: float | bool | str, variable: StateVariable, names: ExpressionNames
-    ) -> Expression:
-        expected: Kind = "bool" if variable.kind == "bool" else "number"
-        values = numbered(variable.values, variable.low)
-        return self._context.compile(path, given, names, expected, values)
-
-    def _initial(
-        self, path: KeyPath, spec: ProcessSpec, own: Mapping[str, StateVariable]
-    ) -> tuple[InitialValues, ...]:
-        names = self._start_names
-        if spec.initial is not None:
-            outcomes = self._outcomes((*path, "initial"), spec.initial, own, names)
-            return tuple(InitialValues(one.probability, one.assignments) for one in outcomes)
-        separate = [
-            self._outcomes(
-                (*path, "variables", name, "initial"),
-                one.initial or (),
-                {name: own[name]},
-                names,
-            )
-            for name, one in spec.variables.items()
-        ]
-        return tuple(
-            InitialValues(
-                reduce(
-                    lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)
-                ),
-                {name: value for one in chosen for name, value in one.assignments.items()},
-            )
-            for chosen in product(*separate)
+            entry.name, entry.concern, tuple(own.values()), _initial(reader, entry), tuple(changes)
         )
 
     @property
     def expressions(self) -> list[Expression]:
         """Every expression."""
         found: list[Expression] = []
-
-        def note(expression: Expression) -> Expression:
-            found.append(expression)
-            return expression
-
         for template in self._templates:
-            template.mapped(note)
+            template.mapped(noting(found))
         return found
 
     def __call__(self, name: str, known: Constants) -> tuple[DeclaredProcess, ...]:
@@ -181,13 +116,34 @@ class ProcessResolver:
         Raises:
             InputError: an expression is undefined, or an initial value or distribution not allowed.
         """
-        return tuple(self._closed(template, name, known) for template in self._templates)
+        pairs = zip(self._entries, self._templates, strict=True)
+        return tuple(self._closed(entry, template, name, known) for entry, template in pairs)
 
-    def _closed(self, template: DeclaredProcess, name: str, known: Constants) -> DeclaredProcess:
+    def _closed(
+        self, entry: ProcessEntry, template: DeclaredProcess, name: str, known: Constants
+    ) -> DeclaredProcess:
         try:
             process = template.mapped(lambda expression: fold(expression, known))
             process.check_start()
         except InputError as error:
-            path = (self._concern, "processes", template.name)
-            raise self._context.document.error(path, f"{error.message} ({self._concern} {name})") from error
+            message = f"{error.message} ({entry.concern} {name})"
+            raise self._context.document.error(entry.path, message) from error
         return process
+
+
+def _initial(reader: ChangeReader, entry: ProcessEntry) -> tuple[InitialValues, ...]:
+    spec, path, own = entry.spec, entry.path, entry.variables
+    if spec.initial is not None:
+        outcomes = reader.start((*path, entry.initial_key), spec.initial, own)
+        return tuple(InitialValues(one.probability, one.assignments) for one in outcomes)
+    separate = [
+        reader.start((*path, "variables", name, "initial"), one.initial or (), {name: own[name]})
+        for name, one in spec.variables.items()
+    ]
+    return tuple(
+        InitialValues(
+            reduce(lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)),
+            {name: value for one in chosen for name, value in one.assignments.items()},
+        )
+        for chosen in product(*separate)
+    )

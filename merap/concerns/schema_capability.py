@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
 from merap.concerns.schema_base import Name, Number, Spec, Truth, shown, wrong
+from merap.concerns.schema_processes import Sets
 
 STAY = "stay"
 
@@ -23,12 +24,13 @@ One = Annotated[int, PlainValidator(_one), WithJsonSchema({"const": 1})]
 class OutcomeSpec(Spec):
     """One thing an action can lead to."""
 
-    move: Name = Field(description="along the edge with this label, or `stay`")
+    move: Name = Field(default=STAY, description="along the edge with this label, or `stay`")
     probability: Number = Field(description="a number or an expression")
+    sets: Sets = Field(default={}, description="process: what becomes of it with this outcome")
 
 
 class ActionSpec(Spec):
-    """An action on the space. Give `stay: 1`, or `move`, or `outcomes`."""
+    """An action. Give `move` or `outcomes`; without either, or with `stay: 1`, it stays."""
 
     stay: One | None = Field(default=None, description="1: the action leaves the location unchanged")
     move: Name | None = Field(default=None, description="along the edge with this label")
@@ -46,15 +48,18 @@ class ActionSpec(Spec):
         default=True,
         description="condition on parameters and state; where it is false the action is disabled",
     )
+    sets: Sets = Field(
+        default={}, description="process: what becomes of it with this action, before its own changes"
+    )
 
     @model_validator(mode="after")
     def _one_form(self) -> ActionSpec:
         forms = [key for key in ("stay", "move", "outcomes") if getattr(self, key) is not None]
-        if len(forms) != 1:
-            raise wrong(f"give exactly one of stay, move and outcomes, not {' and '.join(forms) or 'none'}")
+        if len(forms) > 1:
+            raise wrong(f"give one of stay, move and outcomes, not {' and '.join(forms)}")
         for key in ("probability", "otherwise"):
             if self.move is None and getattr(self, key) is not None:
-                raise wrong(f"{key} goes with move, not with {forms[0]}", (key,))
+                raise wrong(f"{key} goes with move", (key,))
         return self
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, model_validator
 
 from merap.concerns.document import KeyPath
 from merap.concerns.schema_base import Name, Names, Spec, Truth, is_number, shown, wrong
@@ -101,12 +101,24 @@ class VariableSpec(Spec):
         return self
 
 
-class ProcessChangeSpec(Spec):
+class SetSpec(Spec):
+    """What becomes of a process where a condition holds."""
+
+    where: Truth = Field(default=True, description="a condition on the state before the step")
+    set: Draws = Field(description="what the variables become: an expression, a mapping or outcomes")
+
+
+class ProcessChangeSpec(SetSpec):
     """A change; the first that matches a step counts, without a match nothing changes."""
 
     action: Names | None = Field(default=None, description="an action or several; left out or `any`: all")
-    where: Truth = Field(default=True, description="a condition on the state before the step")
-    set: Draws = Field(description="what the variables become: an expression, a mapping or outcomes")
+
+
+def _change(value: Any) -> Any:
+    return value if isinstance(value, Mapping) and "set" in value else {"set": value}
+
+
+Sets = dict[Name, Annotated[SetSpec, BeforeValidator(_change, json_schema_input_type=SetSpec | Draws)]]
 
 
 class ProcessSpec(VariableSpec):

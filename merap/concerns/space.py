@@ -102,7 +102,9 @@ class Space(ShortRepr):
 
     @cached_property
     def location_index(self) -> Mapping[str, int]:
-        """Name -> index."""
+        """Name -> index; empty without space."""
+        if not self.located:
+            return {}
         return {name: index for index, name in enumerate(self.locations)}
 
     @property

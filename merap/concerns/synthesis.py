@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination, ExternalAction, Outcome
+from merap.concerns.combination import DeclaredCombination
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states, require_places_and_modes, scope_of
 from merap.errors import InputError
@@ -258,18 +259,11 @@ def _labels(combination: DeclaredCombination, complete: Bools) -> dict[str, Bool
     flag = np.tile([False, True], len(complete))
     labels = {
         COMPLETE_LABEL: flag | np.repeat(complete, 2),
-        GOAL_LABEL: np.repeat(_goal(combination), 2),
+        GOAL_LABEL: np.repeat(combination.objective.goal, 2 * len(combination.modes)),
     }
     if combination.objective.unsafe is not None:
         labels[UNSAFE_LABEL] = np.repeat(holds_in_states(combination, combination.objective.unsafe), 2)
     return labels
-
-
-def _goal(combination: DeclaredCombination) -> Bools:
-    goal = combination.objective.goal
-    if goal is None:
-        return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
-    return holds_in_states(combination, goal)
 
 
 def _complete_in(combination: DeclaredCombination) -> Bools:

@@ -2,86 +2,61 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any, Self
 
 from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.closing import Closing
-from merap.concerns.combination import DeclaredCombination, DeclaredObjective
+from merap.concerns.combination import Combination, DeclaredCombination, DeclaredObjective
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.parameters import ParameterTypes, Values
+from merap.concerns.parameters import Values
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolvers import Resolvers
-from merap.concerns.schema import CaseSpec, SystemSpec
-from merap.concerns.supports import DeclaredSupports, Support
+from merap.concerns.schema import SystemSpec
+from merap.concerns.supports import Support, Supports
 from merap.mdp.short_repr import ShortRepr
+from merap.program.form import ConcernName
 from merap.program.names import suggestion
 
-Resolved = TypeVar("Resolved")
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SystemReader(ShortRepr):
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SystemReader(ShortRepr, ABC):
     """Makes online systems; values that equal a configuration take its name.
 
     Attributes:
         context: of the case; its document is where errors are placed.
-        spec: of the case.
         supports: of the case.
-        resolvers: of the case.
-        closing: puts in what a configuration reads of the others.
-        check_pair: refuses an environment and a capability that don't fit together.
+        declared: the systems that the case file declares, by name.
+        discount: of the case.
         digest: hexadecimal SHA-256 of the sources.
         place: where the document describes the system; None: at `online.<name>`.
     """
 
     context: ResolutionContext
-    spec: CaseSpec
-    supports: DeclaredSupports
-    resolvers: Resolvers
-    closing: Closing
-    check_pair: DistributionCheck
+    supports: Supports[Any, Any, Any]
+    declared: Mapping[str, SystemSpec]
+    discount: float
     digest: str
     place: KeyPath | None = None
 
-    def placed(self, document: Document, place: KeyPath) -> SystemReader:
+    def placed(self, document: Document, place: KeyPath) -> Self:
         """The same for a system that another document describes."""
         return replace(self, context=replace(self.context, document=document), place=place)
 
     def _path(self, name: str) -> KeyPath:
         return ("online", name) if self.place is None else self.place
 
-    def __call__(self, name: str, spec: SystemSpec) -> DeclaredCombination:
+    @abstractmethod
+    def __call__(self, name: str, spec: SystemSpec) -> Combination:
         """The online system called `name`.
 
         Raises:
             InputError: a configuration, parameter or location is unknown, or the start is closed.
         """
-        self._check_name(name)
-        path = self._path(name)
-        environment, capability = self.closing.pair(
-            self._concern(name, "environment", self.supports.environment, spec.environment),
-            self._concern(name, "capability", self.supports.capability, spec.capability),
-        )
-        objective = self.closing.objective(self._objective(name, spec), environment, capability)
-        system = DeclaredCombination(
-            name=name,
-            space=self.context.space,
-            modes=self.context.modes,
-            actions=self.context.actions,
-            environment=environment,
-            capability=capability,
-            objective=objective,
-            discount=self.spec.discount,
-            digest=self.digest,
-            reset=spec.reset,
-        )
-        self.check_pair(environment, capability)
-        check_system_start(self.context, path, system)
-        return system
 
     def _check_name(self, name: str) -> None:
         """A configuration of the same name would be mistaken for the system's own one."""
@@ -95,24 +70,14 @@ class SystemReader(ShortRepr):
                 self._path(name), f"duplicate name {name!r}: a configuration is called so too"
             )
 
-    def _concern(
-        self, system: str, concern: str, support: Support[Resolved], given: str | Mapping[str, Any] | None
-    ) -> Resolved:
-        found = self._find(system, concern, support, given)
+    def _concern(self, system: str, concern: ConcernName, spec: SystemSpec) -> Any:
+        """Return the configuration that a system has of a concern."""
+        support: Support[Any] = getattr(self.supports, concern)
+        found = self._find(system, concern, support, getattr(spec, concern))
         return support[found] if isinstance(found, int) else support.resolve(system, found)
 
-    def _objective(self, system: str, spec: SystemSpec) -> DeclaredObjective:
-        support = self.supports.objective
-        found = self._find(system, "objective", support, spec.objective)
-        name, values = system, found
-        if isinstance(found, int):
-            name, values = support.name(found), support.configurations.values(found)
-        assert not isinstance(values, int)
-        start = None if spec.start is None else ((*self._path(system), "start"), spec.start)
-        return self.resolvers.objective(name, values, start, spec.horizon)
-
     def _find(
-        self, system: str, concern: str, support: Support[Any], given: str | Mapping[str, Any] | None
+        self, system: str, concern: ConcernName, support: Support[Any], given: str | Mapping[str, Any] | None
     ) -> int | Values:
         """The index of the configuration, or values that no configuration has."""
         path = (*self._path(system), concern)
@@ -128,7 +93,54 @@ class SystemReader(ShortRepr):
                 near = suggestion(given, islice(support.names(), 1000))
                 raise self.context.document.error(path, f"unknown configuration {given!r} of {concern}{near}")
             return index
-        types: ParameterTypes = getattr(self.spec, concern).parameters
-        values = read_values(self.context, path, types, given)
+        values = read_values(self.context, path, self.context.parameters[concern], given)
         index = support.index_of(values)
         return values if index is None else index
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class DeclaredSystemReader(SystemReader):
+    """Makes the online systems of a case in the case language.
+
+    Attributes:
+        resolvers: of the case.
+        closing: puts in what a configuration reads of the others.
+        check_pair: refuses an environment and a capability that don't fit together.
+    """
+
+    resolvers: Resolvers
+    closing: Closing
+    check_pair: DistributionCheck
+
+    def __call__(self, name: str, spec: SystemSpec) -> DeclaredCombination:
+        """See `SystemReader`."""
+        self._check_name(name)
+        environment, capability = self.closing.pair(
+            self._concern(name, "environment", spec), self._concern(name, "capability", spec)
+        )
+        objective = self.closing.objective(self._objective(name, spec), environment, capability)
+        system = DeclaredCombination(
+            name=name,
+            space=self.context.space,
+            modes=self.context.modes,
+            actions=self.context.actions,
+            environment=environment,
+            capability=capability,
+            objective=objective,
+            discount=self.discount,
+            digest=self.digest,
+            reset=spec.reset,
+        )
+        self.check_pair(environment, capability)
+        check_system_start(self.context, self._path(name), system)
+        return system
+
+    def _objective(self, system: str, spec: SystemSpec) -> DeclaredObjective:
+        support = self.supports.objective
+        found = self._find(system, "objective", support, spec.objective)
+        name, values = system, found
+        if isinstance(found, int):
+            name, values = support.name(found), support.configurations.values(found)
+        assert not isinstance(values, int)
+        start = None if spec.start is None else ((*self._path(system), "start"), spec.start)
+        return self.resolvers.objective(name, values, start, spec.horizon)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from merap.concerns.document import Document, KeyPath
-from merap.concerns.parameter_types import TypeName
+from merap.concerns.expression_names import CONCERNS
+from merap.concerns.parameter_types import SPATIAL, TypeName
 from merap.concerns.parameters import ParameterTypes
-from merap.concerns.resolve_processes import variables_of
+from merap.concerns.resolve_processes import process_entries
 from merap.concerns.schema import CapabilitySpec, CaseSpec
 from merap.concerns.schema_capability import restarts
-from merap.concerns.schema_processes import ProcessSpec
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
@@ -19,15 +19,25 @@ from merap.program.names import check_emitted_name, check_name
 
 READY = "ready"
 _MEANINGS: Mapping[str, Mapping[str, tuple[TypeName, ...]]] = {
-    "environment": {"blocked": ("location", "locations"), "blocked_edges": ("edges",)},
+    "environment": {
+        "blocked": ("location", "locations"),
+        "blocked_edges": ("edges",),
+        "locked": ("doors",),
+    },
     "capability": {"no_entry": ("location", "locations")},
     "objective": {GOAL_LABEL: ("location", "locations")},
 }
 
 
-def mode_names(spec: CapabilitySpec) -> tuple[str, ...]:
-    """Q names; a case without innate part has the one mode `ready`."""
-    return spec.innate.modes if spec.innate is not None else (READY,)
+def mode_names(spec: CaseSpec) -> tuple[str, ...]:
+    """Return the names of the modes.
+
+    Without innate part there are none; a case of nothing but locations has the one mode `ready`.
+    """
+    if spec.capability.innate is not None:
+        return spec.capability.innate.modes
+    is_spatial = spec.space is not None and not any(process_entries(spec, one) for one in CONCERNS)
+    return (READY,) if is_spatial else ()
 
 
 def action_names(spec: CapabilitySpec) -> tuple[str, ...]:
@@ -50,7 +60,7 @@ def check_vocabulary(document: Document, spec: CaseSpec, space: Space) -> None:
         check_name(spec.case, "a case")
     _check_capability(document, spec.capability)
     _check_attributes(document, spec, space)
-    for concern in ("environment", "capability", "objective"):
+    for concern in CONCERNS:
         _check_parameters(document, concern, getattr(spec, concern).parameters, spec, space)
     for name in spec.online:
         with document.at("online", name):
@@ -65,27 +75,22 @@ def declared_variables(
     Raises:
         InputError: a name is illegal or stands for two things, with its place.
     """
-    known = dict.fromkeys(mode_names(spec.capability), "a mode")
+    known = dict.fromkeys(mode_names(spec), "a mode")
     known |= {attribute.name: "an attribute" for attribute in space.attributes}
     processes: dict[str, str] = {}
     found: dict[str, tuple[ConcernName, StateVariable]] = {}
-    for concern, own in _processes(spec):
-        for name, process in own.items():
-            with document.at(concern, "processes", name):
-                check_emitted_name(name, "a process")
-                if name in processes:
-                    raise InputError(f"duplicate name {name!r}: {processes[name]} has a process of that name")
-                processes[name] = f"the {concern}"
-                for variable in variables_of(name, process).values():
+    for concern in CONCERNS:
+        for entry in process_entries(spec, concern):
+            with document.at(*entry.path):
+                check_emitted_name(entry.name, "a process")
+                if entry.name in processes:
+                    owner = processes[entry.name]
+                    raise InputError(f"duplicate name {entry.name!r}: {owner} has a process of that name")
+                processes[entry.name] = f"the {concern}"
+                for variable in entry.variables.values():
                     _check_variable(variable, known)
                     found[variable.name] = (concern, variable)
     return found
-
-
-def _processes(spec: CaseSpec) -> Iterator[tuple[ConcernName, Mapping[str, ProcessSpec]]]:
-    yield "environment", spec.environment.processes
-    yield "capability", spec.capability.processes
-    yield "objective", spec.objective.processes
 
 
 def _check_variable(variable: StateVariable, known: dict[str, str]) -> None:
@@ -132,18 +137,20 @@ def _check_modes(document: Document, modes: tuple[str, ...]) -> None:
 
 
 def _check_parameters(
-    document: Document, concern: str, types: ParameterTypes, spec: CaseSpec, space: Space
+    document: Document, concern: ConcernName, types: ParameterTypes, spec: CaseSpec, space: Space
 ) -> None:
-    taken = dict.fromkeys(mode_names(spec.capability), "a mode")
+    taken = dict.fromkeys(mode_names(spec), "a mode")
     taken |= {attribute.name: "an attribute" for attribute in space.attributes}
     taken |= {MODE_VARIABLE: "the current mode"}
-    for process_name, process in getattr(spec, concern).processes.items():
-        taken |= dict.fromkeys(variables_of(process_name, process), "a variable")
+    for entry in process_entries(spec, concern):
+        taken |= dict.fromkeys(entry.variables, "a variable")
     for name, of in types.items():
         with document.at(concern, "parameters", name):
             check_name(name, "a parameter")
             if name in taken or name in space.location_index:
                 raise InputError(f"duplicate name {name!r}: it is {taken.get(name, 'a location')} already")
+            if of.name in SPATIAL and not space.located:
+                raise InputError(f"the parameter {name!r} is of type {of}, and the case has no space")
             allowed = _MEANINGS[concern].get(name, (of.name,))
             if of.name not in allowed:
                 raise InputError(f"the parameter {name!r} is of type {' or '.join(allowed)}, not {of}")
@@ -153,5 +160,5 @@ def _check_attributes(document: Document, spec: CaseSpec, space: Space) -> None:
     names = [attribute.name for attribute in space.attributes]
     for name in names:
         with document.at("space", "attributes", name):
-            if name in mode_names(spec.capability):
+            if name in mode_names(spec):
                 raise InputError(f"duplicate name {name!r}: it is a mode already")

@@ -13,15 +13,14 @@ from merap.checker.combination_model import build_combination, build_pair
 from merap.concerns.arguments import as_count
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
-from merap.concerns.lookup import as_case
 from merap.concerns.synthesis import attach, pair_valuations, synthesise, synthesise_pair
+from merap.families.lookup import as_case
 from merap.mdp.canonical import canonicalise
 from merap.mdp.comparison import compare
 from merap.mdp.graph import fewest_steps
 from merap.mdp.model import Bools, TabularMDP
-from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.labels import may_hold
 
 MAX_TASKS = 512
 MAX_PAIRS = 128
@@ -136,8 +135,8 @@ def is_cut_off(combination: Combination, whole: TabularMDP) -> bool:
         combination: `whole` is its model, before it is put on the canonical index.
         whole: with the label `goal`.
     """
-    declared = may_hold(combination.program, GOAL_LABEL)
-    return declared and fewest_steps(whole, whole.labels[GOAL_LABEL]) > combination.objective.horizon
+    declared = bool(combination.objective.goal.any())
+    return declared and fewest_steps(whole, whole.labels["goal"]) > combination.objective.horizon
 
 
 def cut_off_warnings(system: Combination) -> tuple[str, ...]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from merap.program.expressions import Expression, Variable, substitute
-from merap.program.form import Process, Program, with_expressions
+from merap.program.form import Program
 from merap.program.names import KEYWORDS, unique_name
+from merap.program.renaming import renamed
 
 _IDENTIFIER = re.compile(r"\b[A-Za-z_]\w*")
 _QUOTED = re.compile(r'("[^"]*")')
@@ -71,52 +71,4 @@ def _changed(names: Collection[str], taken: set[str]) -> dict[str, str]:
 
 def with_text_names(program: Program, names: TextNames) -> Program:
     """Return the program as text names it."""
-    if names == TextNames({}, {}, {}):
-        return program
-    primes = {f"{name}'": f"{written}'" for name, written in names.variables.items()}
-    written = {name: Variable(new, 0) for name, new in {**names.variables, **primes}.items()}
-
-    def variable(name: str) -> str:
-        return names.variables.get(name, name)
-
-    def action(name: str | None) -> str | None:
-        return None if name is None else names.actions.get(name, name)
-
-    def assigned(values: Mapping[str, Expression]) -> dict[str, Expression]:
-        return {variable(name): value for name, value in values.items()}
-
-    def of_process(process: Process) -> Process:
-        return replace(
-            process,
-            name=names.processes.get(process.name, process.name),
-            variables=tuple(replace(one, name=variable(one.name)) for one in process.variables),
-            commands=tuple(
-                replace(
-                    command,
-                    action=action(command.action),
-                    draws=tuple(
-                        tuple(replace(one, assignments=assigned(one.assignments)) for one in draw)
-                        for draw in command.draws
-                    ),
-                )
-                for command in process.commands
-            ),
-            initial=tuple(replace(one, values=assigned(one.values)) for one in process.initial),
-        )
-
-    renamed = with_expressions(program, lambda expression: substitute(expression, written))
-    rewards = {
-        name: replace(
-            structure,
-            rules=tuple(
-                replace(rule, actions=frozenset(map(action, rule.actions))) for rule in structure.rules
-            ),
-        )
-        for name, structure in renamed.rewards.items()
-    }
-    return replace(
-        renamed,
-        processes=tuple(map(of_process, renamed.processes)),
-        rewards=rewards,
-        location=tuple(map(variable, program.location)),
-    )
+    return renamed(program, names.variables, names.actions, names.processes)

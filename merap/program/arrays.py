@@ -55,14 +55,21 @@ def tabular(program: Program, exploration: Exploration, *, reward: str | None = 
 
 
 def _require_unique(program: Program, exploration: Exploration) -> None:
-    describe = exploration.encoding.describe
+    stuck = stuck_state(exploration)
+    if stuck is not None:
+        raise ModelError(f"{program.name}: state {stuck} can be reached and has no action")
+    for action, code in ambiguous_actions(exploration).items():
+        state = exploration.encoding.describe(code)
+        raise ModelError(f"{program.name}: two commands of {action} are enabled in state {state}")
+
+
+def stuck_state(exploration: Exploration) -> str | None:
+    """Describe a state without a choice; None if there is none."""
     stepping = np.zeros(len(exploration.codes), dtype=np.bool_)
     stepping[exploration.place(exploration.branches.source)] = True
-    if not stepping.all():
-        state = describe(int(exploration.codes[~stepping][0]))
-        raise ModelError(f"{program.name}: state {state} can be reached and has no action")
-    for action, code in ambiguous_actions(exploration).items():
-        raise ModelError(f"{program.name}: two commands of {action} are enabled in state {describe(code)}")
+    if stepping.all():
+        return None
+    return exploration.encoding.describe(int(exploration.codes[~stepping][0]))
 
 
 def _labels(program: Program, exploration: Exploration) -> dict[str, Bools]:

@@ -27,11 +27,12 @@ from pathlib import Path
 from typing import Any
 
 from merap.concerns.arguments import as_path
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError, OutputError
 from merap.families.build import ModelBase
 from merap.families.folder import MANIFEST, require_unchanged, result_folder, write_manifest
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.mdp.canonical import canonicalise
 from merap.mdp.graph import restrict_to_reachable

@@ -13,10 +13,10 @@ from typing import Any
 
 from merap.concerns.arguments import as_mapping, as_path
 from merap.concerns.case_study import CaseStudy
-from merap.concerns.lookup import as_case
 from merap.errors import InputError, warn_of
 from merap.families.build import build_base
 from merap.families.folder import MANIFEST, write_file
+from merap.families.lookup import as_case
 from merap.families.observation import case_kinds
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy

@@ -14,9 +14,9 @@ import numpy as np
 
 from merap.concerns.arguments import as_count, as_instance, as_number, as_seeds, as_text
 from merap.concerns.combination import Combination
-from merap.concerns.lookup import as_system
 from merap.errors import InputError, warn_of
 from merap.families.build import cut_off_warnings
+from merap.families.lookup import as_system
 from merap.learning.threads import one_thread
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.short_repr import ShortRepr

@@ -19,7 +19,7 @@ from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
-from scripts.bench import belief, learning, online, program, shield, trigger
+from scripts.bench import belief, growth, learning, online, program, shield, trigger
 from scripts.bench.learning import median, report
 from scripts.bench.program import GRID, export_mapped
 from scripts.bench.tables import Json
@@ -30,7 +30,7 @@ EPISODES_PER_STEP = (35, 10, 5)
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
 app.command()(learning.learning)
-app.command()(learning.growth)
+app.command()(growth.growth)
 app.command()(online.online)
 app.add_typer(belief.app, name="belief")
 app.command()(trigger.trigger)

@@ -1,9 +1,7 @@
-"""Measure the cost and the quality of learning: scripts.bench learning, growth."""
+"""Measure the cost and the quality of learning: scripts.bench learning."""
 
 from __future__ import annotations
 
-import multiprocessing
-import resource
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -11,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import matplotlib.pyplot as plt
-import numpy as np
 import torch
 import typer
 
@@ -25,16 +21,12 @@ from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy, step_rule
 from merap.learning.models import train_tasks
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
-from merap.learning.tasks import TaskBatch, branch_batch, task_batch
+from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import initial_state, meta_policy, policy_network, updates
 from scripts.bench import baseline_episodes, baseline_maml
 from scripts.bench.tables import Json, figures_by_name, show, write_figures
 
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the growth (PNG, SVG, ...).")]
-
 FOR_EVER = 1_000_000_000
-SIDES = (10, 32, 100, 316)
-GROWTH_TASKS, GROWTH_HORIZON = 4, 18
 Figures = dict[str, float]
 
 
@@ -146,79 +138,6 @@ def _adapted_return(meta: MetaPolicy, tasks: TaskBatch) -> float:
         table = policy_table(meta.network, parameters, tasks.enabled)
         returns.append(expected_return(table, undiscounted).mean().item())
     return statistics.mean(returns)
-
-
-def growth(json_file: Json = None, plot: Plot = None, repeats: int = 5) -> None:
-    """Time an exact update on grids of 10^2 to 10^5 states, all of them start states; memory at most."""
-    seconds, branches = [], []
-    for side in SIDES:
-        tasks = _grid(side, GROWTH_TASKS)
-        branches.append(len(tasks.branch_prob) // tasks.num_tasks)
-        seconds.append(_update_seconds(tasks, repeats))
-    slopes = np.diff(np.log(seconds)) / np.diff(np.log(branches))
-    figures = {f"seconds_{count}_branches": took for count, took in zip(branches, seconds, strict=True)}
-    figures["slope_last_decade"] = float(slopes[-1])
-    figures["gigabytes_16_tasks"] = _gigabytes()
-    report("growth of an exact update", figures, json_file)
-    if plot is not None:
-        _draw(branches, seconds, plot)
-
-
-def _update_seconds(tasks: TaskBatch, repeats: int) -> float:
-    config = TrainingConfig(updates=FOR_EVER, tasks_per_update=tasks.num_tasks)
-    state = initial_state(policy_network(tasks, config), config)
-    rows = updates(tasks, config, state)
-    next(rows)
-    return statistics.median(next(rows).seconds for _ in range(repeats))
-
-
-def _grid(side: int, num_tasks: int) -> TaskBatch:
-    """Build square grids with five actions and a goal each, and one completed state."""
-    cells, done = np.arange(side * side), side * side
-    row, col = cells // side, cells % side
-    moves = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
-    target = np.empty((num_tasks, done, 5), dtype=np.int64)
-    for action, (down, right) in enumerate(moves):
-        target[:, :, action] = np.clip(row + down, 0, side - 1) * side + np.clip(col + right, 0, side - 1)
-    reward = np.full(target.shape, -0.5)
-    for number, goal in enumerate(np.linspace(done // 2, done - 1, num_tasks).astype(int)):
-        target[number, goal], reward[number, goal, 0] = done, 10.0
-    enabled = np.ones((num_tasks, done + 1, 5), dtype=np.bool_)
-    enabled[:, -1] = False
-    initial = np.full((num_tasks, done + 1), 1 / done)
-    initial[:, -1] = 0.0
-    return branch_batch(
-        np.flatnonzero(enabled),
-        target.ravel(),
-        np.ones(target.size),
-        reward.ravel(),
-        target.ravel() != done,
-        enabled,
-        initial,
-        GROWTH_HORIZON,
-        0.95,
-    )
-
-
-def _gigabytes() -> float:
-    """Return peak memory of a process of its own that makes two updates of 16 tasks with 10^5 states."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_peak)
-
-
-def _peak() -> float:
-    _update_seconds(_grid(SIDES[-1], 16), 1)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-
-
-def _draw(branches: list[int], seconds: list[float], path: Path) -> None:
-    figure, axes = plt.subplots(figsize=(5, 3.5), layout="constrained")
-    axes.loglog(branches, seconds, "o-", label="measured")
-    axes.loglog(branches, [seconds[-1] * count / branches[-1] for count in branches], "--", label="linear")
-    axes.set(xlabel="branches of a task", ylabel="seconds of an exact update")
-    axes.set_title(f"{GROWTH_TASKS} tasks, {GROWTH_HORIZON} steps")
-    axes.legend(frameon=False)
-    figure.savefig(path)
 
 
 def median(run: Callable[[], object], repeats: int) -> float:

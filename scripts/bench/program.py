@@ -6,8 +6,6 @@ Storm builds the same texts in the same run; the ratio of the two is what to quo
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -22,8 +20,9 @@ from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.form import Program, closed
 from scripts.bench.evidence import evidence_figures
+from scripts.bench.growth import growth_figures
 from scripts.bench.learning import report
-from scripts.bench.tables import Json
+from scripts.bench.tables import Json, timed
 
 T = TypeVar("T")
 SIDES, LENGTHS = (32, 100, 316, 1000), (1_000, 10_000, 100_000)
@@ -67,7 +66,7 @@ def program(
         figures |= _compared(GRID.format(size=side), f"grid_{side**2}", repeats, by_list=False)
     for length in LENGTHS:
         figures |= _compared(CHAIN.format(size=length), f"chain_{length}", repeats, by_list=True)
-    report("program", figures | evidence_figures(), json_file)
+    report("program", figures | evidence_figures() | growth_figures(repeats), json_file)
 
 
 def _compared(text: str, name: str, repeats: int, *, by_list: bool) -> dict[str, float]:
@@ -105,10 +104,3 @@ def export_mapped(model: StormModel) -> TabularMDP:
         path = Path(folder) / "model.umb"
         model.export_umb(path)
         return read_umb(path)
-
-
-def timed(run: Callable[[], T]) -> tuple[float, T]:
-    """Return seconds and result."""
-    begin = time.perf_counter()
-    result = run()
-    return time.perf_counter() - begin, result

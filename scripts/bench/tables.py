@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+Result = TypeVar("Result")
 WIDTH = 150
 Json = Annotated[Path | None, typer.Option("--json", help="Write all figures.")]
 
@@ -58,3 +60,10 @@ def write_figures(path: Path | None, figures: object) -> None:
     """Write figures as JSON, if a path is given."""
     if path is not None:
         path.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+def timed(run: Callable[[], Result]) -> tuple[float, Result]:
+    """Return seconds and result."""
+    begin = time.perf_counter()
+    result = run()
+    return time.perf_counter() - begin, result

@@ -12,8 +12,9 @@ import pytest
 
 from merap.checker.combination_model import build_combination
 from merap.checker.storm import build_text
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.composition import compose
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.processes import Change, DeclaredProcess, moved
 from merap.concerns.space import Space
 from merap.concerns.synthesis import attach, attach_everywhere, synthesise, synthesise_pair
@@ -250,8 +251,7 @@ def web_service(up: str, down: str, boot: str, w_time: str) -> Combination:
         ),
         capability=replace(graph.capability, no_entry=free, external=external, innate=None),
         objective=replace(
-            graph.objective, start=np.ones(1), goal=Condition(at=free),
-            rules=(RewardRule(Condition(), value),),
+            graph.objective, start=np.ones(1), goal=free, rules=(RewardRule(Condition(), value),),
             ends_in=None, ends_after=None, unsafe=None,
         ),
     )  # fmt: skip

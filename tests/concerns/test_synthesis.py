@@ -6,7 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from merap.concerns.combination import Condition, ExternalAction, Outcome
+from merap.concerns.combination import Condition
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.synthesis import attach, synthesise, synthesise_pair
 from merap.errors import InputError
 from merap.mdp.comparison import compare

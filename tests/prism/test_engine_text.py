@@ -8,8 +8,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from merap.concerns.combination import Combination, Condition, ExternalAction, Outcome, RewardRule
+from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.composition import compose
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import InnateAction
 from merap.concerns.location_tables import LocationTables
 from merap.concerns.space import Attribute

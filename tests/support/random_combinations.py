@@ -18,10 +18,9 @@ from merap.concerns.combination import (
     DeclaredCombination,
     DeclaredObjective,
     Environment,
-    ExternalAction,
-    Outcome,
     RewardRule,
 )
+from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Floats
@@ -94,7 +93,7 @@ def random_combination(seed: int) -> DeclaredCombination:
             parameters={},
             start=start,
             horizon=int(generator.integers(1, 13)),
-            goal=Condition(at=_mask(generator, space.num_locations, 0.4)),
+            goal=_mask(generator, space.num_locations, 0.4),
             rules=(),
             ends_after=None,
             ends_in=None,

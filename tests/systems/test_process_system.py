@@ -50,7 +50,6 @@ def test_all_variables_are_seen_but_the_flag(case: CaseStudy) -> None:
     shown = interface_of(case.combination("rush.fast.thrift"), detect=True)
     assert {one.name: one for one in shown.variables} == {
         "loc": ShownVariable("loc", 0, 0, ("here",)),
-        "mode": ShownVariable("mode", 0, 0, ("ready",)),
         "load": ShownVariable("load", 0, 4),
         "alarm": ShownVariable("alarm", 0, 1, boolean=True),
         "running": ShownVariable("running", 1, 4),
