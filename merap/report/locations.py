@@ -19,6 +19,7 @@ from merap.program.expressions import Constant, evaluate_where_defined, variable
 from merap.program.form import Program
 from merap.program.states import Encoding, States
 from merap.report.colouring import Colouring
+from merap.report.doors import door_middles
 from merap.report.extent import Extent, name_sizes
 from merap.report.labels import place_labels
 from merap.report.sheet import Panel
@@ -204,7 +205,8 @@ def _draw_names(panel: Panel, masks: Mapping[str, Bools]) -> None:
         return
     if extent.name_size == 0:
         return
-    sizes = name_sizes(space.locations, extent.name_size)
+    names = (*space.locations, *(door.name for door in space.doors))
+    sizes = name_sizes(names, extent.name_size)
     steps = np.linspace(0, 1, _POINTS_PER_EDGE)[:, None, None]
     pieces = [np.stack([line[:-1], line[1:]]) for line in panel.lines.lines]
     first, second = np.concatenate(pieces, axis=1) if pieces else np.zeros((2, 0, 2))
@@ -212,10 +214,11 @@ def _draw_names(panel: Panel, masks: Mapping[str, Bools]) -> None:
     reach = np.full(space.num_locations, 1.15)
     for meaning, mask in masks.items():
         reach[mask] = np.maximum(reach[mask], max(_reach(layer) for layer in _ON_GRAPH[meaning]))
-    radii = reach * extent.radius * extent.scale
+    radii = np.append(reach, np.ones(len(space.doors))) * extent.radius * extent.scale
+    anchors = np.concatenate([space.positions, door_middles(panel)])
     page = (extent.low * extent.scale, extent.high * extent.scale)
-    places = place_labels(space.positions * extent.scale, radii, sizes, points * extent.scale, page)
-    for name, (x, y) in zip(space.locations, places / extent.scale, strict=True):
+    places = place_labels(anchors * extent.scale, radii, sizes, points * extent.scale, page)
+    for name, (x, y) in zip(names, places / extent.scale, strict=True):
         write(panel.axes, x, y, name, size=extent.name_size)
 
 

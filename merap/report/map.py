@@ -15,6 +15,7 @@ from merap.families.models import explored
 from merap.mdp.model import Floats, TabularMDP
 from merap.report.colouring import Colouring, colour_by
 from merap.report.diagrams import process_diagrams
+from merap.report.doors import draw_doors
 from merap.report.edges import draw_edges
 from merap.report.locations import draw_locations
 from merap.report.moves import draw_policy
@@ -130,7 +131,7 @@ def draw_before_after(
 
 
 def _draw_base(panel: Panel, colouring: Colouring, mdp: TabularMDP) -> list[Entry]:
-    edges = draw_edges(panel)
+    edges = [*draw_edges(panel), *draw_doors(panel, mdp)]
     return [*draw_locations(panel, colouring, mdp), *edges, *colouring.entries]
 
 

@@ -15,7 +15,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from merap.concerns.combination import DeclaredCombination
-from merap.mdp.model import Floats
+from merap.mdp.model import Bools, Floats
 from merap.report.diagram_drawing import diagram_block, draw_block
 from merap.report.diagrams import Diagram
 from merap.report.extent import Extent, extent_of
@@ -70,11 +70,21 @@ def open_sheet(combination: DeclaredCombination, panels: int) -> Sheet:
     extent = extent_of(combination.space)
     # On a grid neighbours touch, nothing lies between them.
     clearance = 0.0 if extent.is_grid else 1.3 * extent.radius
-    lines = edge_lines(combination.space, combination.environment.blocked_edges, clearance)
+    lines = edge_lines(combination.space, _blocked(combination), clearance)
     figure = Figure(facecolor="white")
     return Sheet(
         figure, tuple(Panel(_add_axes(figure, extent), extent, lines, combination) for _ in range(panels))
     )
+
+
+def _blocked(combination: DeclaredCombination) -> Bools:
+    """bool [P, L], the edges that are blocked; those through locked doors are drawn as doors."""
+    environment = combination.environment
+    locked = [door.edges for door in combination.space.doors if door.name in environment.locked]
+    blocked: Bools = environment.blocked_edges & ~np.logical_or.reduce(
+        [np.zeros_like(environment.blocked_edges), *locked]
+    )
+    return blocked
 
 
 def _add_axes(figure: Figure, extent: Extent) -> Axes:
