@@ -13,7 +13,7 @@ from merap.report.geometry import EdgeLines
 from merap.report.sheet import Panel
 from merap.report.style import INK, ORANGE, VERMILLION, Entry, mark
 
-_SIZE = {True: 0.3, False: 0.55}
+_SIZE = {True: 0.35, False: 0.75}
 _FACES = {"open": "white", "closed": ORANGE, "locked": VERMILLION}
 _MEANINGS = {"open": "door, open at first", "closed": "door, closed at first", "locked": "door, locked"}
 
