@@ -205,7 +205,14 @@ class Stepper:
 
 
 def _scope(states: States, after: Mapping[str, Ints]) -> Scope:
-    return StepColumns(states, {name: Column.of(values) for name, values in after.items()})
+    kinds = states.encoding.by_name
+    return StepColumns(
+        states,
+        {
+            name: Column.of(values.astype(np.bool_) if kinds[name].kind == "bool" else values)
+            for name, values in after.items()
+        },
+    )
 
 
 def _spread(parts: tuple[npt.NDArray[Any], Bools], states: States) -> tuple[npt.NDArray[Any], Bools]:

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 
 from merap.errors import ModelError
 from merap.program.exploration import explore
-from merap.program.form import Process, Program, integer
+from merap.program.form import Process, Program, boolean, integer
 from tests.support.explored import Choices, choices_of, states_of
 from tests.support.program_enumeration import BrokenError, State, enumerate_model
 from tests.support.programs import ONE_COIN, command, outcome, programs, start
@@ -132,3 +132,23 @@ def test_linked_draws_read_what_came_before() -> None:
     program = Program("linked", (process,))
     expected = frozenset({((1, 1), 0.3), ((0, 0), 0.7)})
     assert choices_of(program, explore(program))[(0, 0)] == Counter({("a", expected): 1})
+
+
+def test_linked_draws_read_truths_that_came_before() -> None:
+    process = Process(
+        "p",
+        "environment",
+        (boolean("x"), boolean("y")),
+        (
+            command(
+                "a",
+                "true",
+                [outcome("0.3", x="true"), outcome("0.7", x="false")],
+                [outcome("1", y="!x' & !y")],
+            ),
+        ),
+        start(x="false", y="false"),
+    )
+    program = Program("linked", (process,))
+    expected = frozenset({((True, False), 0.3), ((False, True), 0.7)})
+    assert choices_of(program, explore(program))[(False, False)] == Counter({("a", expected): 1})
