@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from merap.shield.safe_optimum import SafeOptimum
     from merap.strategies.adaptation import Adaptation, Spread
 
-DEFAULT = "belief"
 STRATEGY_HELP = (
-    "belief plans on the models; gradient, the paper's, takes gradient steps; to compare with: ope, "
+    "belief plans on the models; gradient, the paper's, takes gradient steps; belief is the default where "
+    "the models know but locations and modes, else gradient; to compare with: ope, "
     "retrieval, joint, oracle or pretrained:<combination>; pretrained:all shows the best, the median and "
     "the worst of the base."
 )
@@ -49,7 +49,7 @@ def register(app: typer.Typer) -> None:
 def adapt(
     run: Annotated[Path, typer.Argument(help="Folder of a training run.", show_default=False)],
     system: options.SystemName = None,
-    strategy: Annotated[str, typer.Option(help=STRATEGY_HELP)] = DEFAULT,
+    strategy: Annotated[str | None, typer.Option(help=STRATEGY_HELP)] = None,
     episodes_per_step: Annotated[
         int | None,
         typer.Option(
@@ -86,15 +86,20 @@ def adapt(
     from merap.runs.run_folder import read_run
     from merap.strategies import adaptation
     from merap.strategies.problem import Conditions, adaptation_problem
-    from merap.strategies.registry import ALL, PRETRAINED, parse_strategy
+    from merap.strategies.registry import ALL, PRETRAINED, default_strategy, parse_strategy
 
     require_free_report(json, force=force)
     if out is not None:
         require_free_folder(out, FILES, force=force)
-    spread = parse_strategy(strategy) == (PRETRAINED, ALL)
-    each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
+    if strategy is not None:
+        parse_strategy(strategy)
     opened = read_run(run)
     warn(opened.warnings)
+    if strategy is None:
+        strategy, notices = default_strategy(opened.case)
+        warn(notices)
+    spread = parse_strategy(strategy) == (PRETRAINED, ALL)
+    each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
     chosen = as_seeds(seeds, "--seeds")
     problem = adaptation_problem(
         opened,
@@ -209,6 +214,9 @@ def _advice(found: Adaptation) -> Iterator[str]:
     """Say which strategy to try where one got nowhere."""
     from merap.strategies.registry import BELIEF, GRADIENT, ORACLE, parse_strategy
 
+    if found.reachable.nothing_at_stake:
+        yield f"every policy earns the same on {found.system}: there is nothing to learn there"
+        return
     scores = found.as_dict()["summary"]
     kind, _ = parse_strategy(found.strategy)
     never = scores["never_steps_to_within_5_percent"] == scores["runs"] and not scores["too_short"]

@@ -21,6 +21,7 @@ from merap.cli.output import (
     require_free_report,
     say,
     table,
+    warn,
     write_json,
 )
 
@@ -70,6 +71,7 @@ def run(
     from merap.knowledge.base import open_knowledge
     from merap.knowledge.engine import default_url, url_of
     from merap.knowledge.event_log import FILE_NAME, JsonLines
+    from merap.mapek.family_limits import followable
     from merap.mapek.run import run_loop
     from merap.mapek.scenario import read_scenario
     from merap.runs.run_folder import read_run
@@ -78,8 +80,9 @@ def run(
     require_free_report(log, force=True)  # it may be there, and grows
     if out is not None:
         require_free_folder(out, (REPORT, f"{PICTURE}.png", f"{PICTURE}.svg"), force=force)
-    read = read_scenario(scenario)
-    opened = read_run(run_folder)
+    read, opened = read_scenario(scenario), read_run(run_folder)
+    read, notices = followable(read, opened.case)
+    warn(notices)
     url = default_url(run_folder) if db is None else url_of(db)
     lines = JsonLines(run_folder / FILE_NAME if log is None else log)
     begun = Event()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from merap.concerns.combination import Condition, DeclaredCombination
+from merap.concerns.combination import Combination, Condition, DeclaredCombination
 from merap.concerns.location_tables import location_scope
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
@@ -19,17 +19,29 @@ from merap.program.expressions import Column, Expression, evaluate, variables
 from merap.program.form import TRUE
 
 
-def require_places_and_modes(combination: DeclaredCombination) -> None:
+def beyond_places_and_modes(combination: Combination) -> str | None:
+    """Return why arrays over locations and modes can't hold the states of a combination; None: they can."""
+    if not isinstance(combination, DeclaredCombination):
+        return "it is PRISM text"
+    if not combination.space.variable_names:
+        return "it has no space"
+    changing = [*combination.space.doors, *combination.processes]
+    if changing:
+        return f"{changing[0].name} changes beside location and mode"
+    asking = [action.name for action in combination.capability.external if action.requires != TRUE]
+    return f"action {asking[0]} requires something of the state" if asking else None
+
+
+def require_places_and_modes(combination: Combination) -> None:
     """Refuse a combination of which arrays over locations and modes can't hold the states.
 
     Raises:
-        InputError: it has processes, or actions that require something of the state.
+        InputError: says why.
     """
-    requires = any(action.requires != TRUE for action in combination.capability.external)
-    if combination.processes or requires:
+    why = beyond_places_and_modes(combination)
+    if why is not None:
         raise InputError(
-            f"{combination.name}: this takes no case with processes or with actions that require something "
-            "of the state; validate, show, render, verify and export do"
+            f"{combination.name}: belief and shield know nothing but locations and modes so far, and {why}"
         )
 
 

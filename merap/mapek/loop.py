@@ -20,6 +20,7 @@ from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.learner import Learner
 from merap.mapek.messages import AdaptedPolicy, Analysis, Execution, Monitored, Phase
 from merap.mapek.monitor import Monitor
+from merap.mapek.plain_analyzer import PlainAnalyzer
 from merap.mapek.planner import Planner
 from merap.mapek.records import Decision, EpisodeLog, Kind, Problem
 from merap.mdp.model import Bools, Floats, TabularMDP
@@ -50,7 +51,7 @@ class Components:
     system: InstrumentedSystem
     wrapped: ManagedSystem
     monitor: Monitor
-    analyzer: Analyzer
+    analyzer: Analyzer | PlainAnalyzer
     shield: Shield
     learner: Learner
     planner: Planner
@@ -196,12 +197,13 @@ class Loop:
 
     def _extend(self, monitored: Monitored) -> None:
         """Learn offline again, if the domain is outside the base."""
-        if self._extender is None or self._model is None:
+        analyzer = self._analyzer
+        if self._extender is None or self._model is None or isinstance(analyzer, PlainAnalyzer):
             return
-        self._extension = self._extender.extend(self._episode, self._analyzer.belief, self._model)
+        self._extension = self._extender.extend(self._episode, analyzer.belief, self._model)
         if self._extension is not None:
             self._learner.relearned(self._extension.make)
-            self._analyzer.adopt_prior(self._extension.hypotheses)
+            analyzer.adopt_prior(self._extension.hypotheses)
             self._decide(monitored, "extended", self._extension.reasons)
 
     def _settle(self) -> None:

@@ -8,13 +8,14 @@ from os import PathLike
 from typing import Any
 
 from merap.concerns.arguments import as_instance, as_text
-from merap.errors import InputError
+from merap.errors import InputError, warn_of
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.engine import url_of
 from merap.knowledge.event_log import JsonLines
 from merap.learning.threads import one_thread
 from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.connecting import connected
+from merap.mapek.family_limits import followable
 from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.loop import Components, Loop
 from merap.mapek.managers import MERAP
@@ -64,7 +65,8 @@ def run_loop(
         SystemFault: the system can't be reached, before any episode.
     """
     run, manager = as_run(run), as_text(manager, "manager")
-    scenario = as_scenario(scenario)
+    scenario, notices = followable(as_scenario(scenario), run.case)
+    warn_of(notices)
     if lines is not None:
         as_instance(lines, JsonLines, "lines")
     if isinstance(knowledge, str | PathLike):

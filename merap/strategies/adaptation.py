@@ -33,7 +33,7 @@ from merap.strategies.problem import (
     adaptation_problem,
 )
 from merap.strategies.protocol import adaptation_rows
-from merap.strategies.registry import ALL, BELIEF, PRETRAINED, parse_strategy
+from merap.strategies.registry import ALL, PRETRAINED, default_strategy, parse_strategy
 from merap.systems.strategy import Strategy
 
 OnStep = Callable[[], None]
@@ -95,7 +95,7 @@ def adapt(
     run: RunFolder | str | PathLike[str],
     system: Combination | str,
     *,
-    strategy: str = BELIEF,
+    strategy: str | None = None,
     episodes_per_step: int = 35,
     steps: int = 30,
     max_episodes: int | None = None,
@@ -111,7 +111,7 @@ def adapt(
     Args:
         run: a finished training run, or its folder.
         system: an online system or a combination of the run's case, or its name.
-        strategy: one of `registry.STRATEGIES`.
+        strategy: one of `registry.STRATEGIES`; None: `belief`, or `gradient` where no belief is kept.
         episodes_per_step: B, of strategies that take gradient steps.
         steps: policy updates.
         max_episodes: real episodes at most, in place of `steps`.
@@ -127,13 +127,15 @@ def adapt(
             begin another one.
     """
     chosen = as_seeds(seeds)
-    require_adaptable(as_text(strategy, "strategy"), chosen)
+    if strategy is not None:
+        require_adaptable(as_text(strategy, "strategy"), chosen)
     steps = as_count(steps, "steps")
     episodes_per_step = as_count(episodes_per_step, "episodes_per_step")
     max_episodes = None if max_episodes is None else as_count(max_episodes, "max_episodes")
     run = as_run(run)
     system = as_system(run.case, system)
-    warn_of((*run.warnings, *cut_off_warnings(system)))
+    default, notices = default_strategy(run.case)
+    warn_of((*run.warnings, *cut_off_warnings(system), *(notices if strategy is None else ())))
     if isinstance(shield, int | float | np.number):
         shield = ShieldSettings(as_number(shield, "shield"))
     problem = adaptation_problem(
@@ -143,7 +145,9 @@ def adapt(
         conditions=as_instance(conditions, Conditions, "conditions"),
         shield=None if shield is None else as_instance(shield, ShieldSettings, "shield"),
     )
-    return adapt_to(problem, strategy, steps=steps, max_episodes=max_episodes, seeds=chosen, on_step=on_step)
+    return adapt_to(
+        problem, strategy or default, steps=steps, max_episodes=max_episodes, seeds=chosen, on_step=on_step
+    )
 
 
 def require_adaptable(strategy: str, seeds: Sequence[int]) -> None:

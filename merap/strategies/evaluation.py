@@ -54,6 +54,11 @@ class Range:
     optimum: float
     worst: float
 
+    @property
+    def nothing_at_stake(self) -> bool:
+        """Whether all policies earn the same, up to rounding."""
+        return self.optimum - self.worst <= self._rounding
+
     def within_5_percent(self, value: float) -> bool:
         """Return whether optimum - value <= 0.05 |optimum|, up to rounding."""
         return self.optimum - value <= WITHIN * abs(self.optimum) + self._rounding

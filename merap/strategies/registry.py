@@ -15,7 +15,9 @@ import numpy as np
 from merap.belief.refinement import Refinement
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
+from merap.concerns.case_study import CaseStudy
 from merap.concerns.lookup import declared_case
+from merap.concerns.steps import beyond_places_and_modes, require_places_and_modes
 from merap.errors import InputError
 from merap.families.build import model_of
 from merap.learning.meta import MetaPolicy
@@ -75,6 +77,7 @@ class StrategyContext:
     @cached_property
     def hypotheses(self) -> HypothesisSpace:
         """The hypotheses about the domain."""
+        require_places_and_modes(self.run.case.combination_at(0))
         return hypothesis_space(declared_case(self.run.case))
 
     @property
@@ -184,6 +187,16 @@ def make_strategy(name: str, context: StrategyContext, generator: np.random.Gene
     """
     kind, argument = parse_strategy(name)
     return _MAKERS[kind](context, argument, generator)
+
+
+def default_strategy(case: CaseStudy) -> tuple[str, tuple[str, ...]]:
+    """Return the strategy of those who name none, and a sentence that says so where it is not `belief`."""
+    why = beyond_places_and_modes(case.combination_at(0))
+    if why is None:
+        return BELIEF, ()
+    return GRADIENT, (
+        f"{case.name}: no belief is kept over this family so far, since {why}: adapting by {GRADIENT}",
+    )
 
 
 def parse_strategy(name: str) -> tuple[str, str]:
