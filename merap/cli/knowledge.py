@@ -250,14 +250,16 @@ def _timeline_row(
 
 
 def _state(valuation: Sequence[int], case: CaseStudy | None) -> str:
-    """Show the values of a state, by the names of variables and values where they are known."""
+    """Show the values of variables that have several, by name where the names are known."""
     from merap.systems.description import in_words, shown_variables
 
     if case is None:
         return " ".join(map(str, valuation))
     variables = shown_variables(case.combination_at(0).program)
     return " ".join(
-        f"{one.name}={in_words(one, value)}" for one, value in zip(variables, valuation, strict=True)
+        f"{one.name}={in_words(one, value)}"
+        for one, value in zip(variables, valuation, strict=True)
+        if one.low < one.high
     )
 
 

@@ -13,7 +13,7 @@ from merap.learning.config import TrainingConfig
 from tests.support.command_line import CommandLine
 from tests.support.paths import MODELS
 from tests.support.recorded_runs import SETTINGS, record_run
-from tests.support.trained_runs import ONE_OF_THREE, trained
+from tests.support.trained_runs import trained
 
 
 @pytest.fixture
@@ -136,22 +136,18 @@ def test_replay_and_show_speak_in_names_where_the_run_folder_tells(
         number = opened.start_run("grid", run.case.name, run.case.digest, {"scenario": {"episodes": 3}})
         opened.record_observations(number, [ObservationRow(0, 1, (3, 4, 0), 1, -0.5, 1.0, False)])
     (_, row) = knowledge.printed("replay", 1, "--db", run.path).splitlines()
-    assert row.split() == ["0", "1", run.case.actions[1], "-0.5", "[3,", "4]"]
+    assert row.split() == ["0", "1", run.case.actions[1], "-0.5", "row=3", "col=4"]
     assert "  scenario:\n    episodes: 3\n" in knowledge.printed("show", 1, "--db", run.path)
 
 
-@pytest.mark.parametrize("case", [ONE_OF_THREE, MODELS / "running-example"])
-def test_replay_shows_a_completed_task_at_no_location(
-    knowledge: CommandLine, tmp_path: Path, case: Path
-) -> None:
-    """-1 in every variable: the last location of a graph and the last mode would have that index."""
-    run = trained(tmp_path / "run", TrainingConfig(updates=1, hidden=(4,), episodes=2), case)
-    done = (-1,) * (len(run.case.space.variable_names) + 1)
+def test_replay_shows_where_a_task_was_completed(knowledge: CommandLine, tmp_path: Path) -> None:
+    config = TrainingConfig(updates=1, hidden=(4,), episodes=2)
+    run = trained(tmp_path / "run", config, MODELS / "running-example")
     with open_knowledge(f"sqlite:///{tmp_path / 'k.db'}") as opened:
         number = opened.start_run("grid", run.case.name, run.case.digest, {})
-        opened.record_observations(number, [ObservationRow(0, 1, done, 1, 9.5, 0.0, False)])
+        opened.record_observations(number, [ObservationRow(0, 1, (0, 2), 1, 9.5, 0.0, False)])
     (_, row) = knowledge.printed("replay", 1, "--db", tmp_path / "k.db").splitlines()
-    assert row.split()[-2:] == ["complete", "(done)"]
+    assert row.split()[-3:] == ["0", "2", "(done)"]
     (tmp_path / "k.db").rename(run.path / "knowledge.db")
     (_, row) = knowledge.printed("replay", 1, "--db", run.path).splitlines()
-    assert row.split() == ["0", "1", run.case.actions[1], "9.5", "complete", "(done)"]
+    assert row.split() == ["0", "1", run.case.actions[1], "9.5", "loc=S", "mode=scanned", "(done)"]
