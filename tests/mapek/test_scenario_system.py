@@ -13,7 +13,10 @@ from merap.errors import InputError
 from merap.mapek.scenario import read_scenario
 from merap.mapek.scenario_schema import NoiseSpec
 from merap.mapek.scenario_system import ScenarioSystem
+from merap.systems.description import shown_variables
+from tests.support.case_examples import write_case
 from tests.support.paths import MODELS
+from tests.support.process_cases import SERVICE
 
 GRID = MODELS / "paper-grid" / "rq1-1.yaml"
 STOP, UP, DOWN, LEFT, RIGHT = range(5)
@@ -186,3 +189,40 @@ def test_where_episodes_last_what_is_possible_is_so_from_where_they_begin(
     for actions in ([RIGHT, RIGHT, STOP], [RIGHT, RIGHT, STOP]):
         played(back, actions)
         assert back.truth.reachable.optimum == 9.0
+
+
+BUSIER = """\
+scenario: busier
+system: calm.fast.thrift
+episodes: 3
+changes:
+  - {at: {episode: 0, step: 3}, environment: {up: 0.6, down: 0}}
+  - {at: {episode: 1}, objective: quality}
+"""
+
+
+def test_processes_go_on_through_changes(tmp_path: Path) -> None:
+    """A service whose load only grows from the fourth step on, and whose user wants it faster then."""
+    (tmp_path / "busier.yaml").write_text(BUSIER)
+    service = load_case(write_case(tmp_path, SERVICE))
+    stages = read_scenario(tmp_path / "busier.yaml").stages(service)
+    assert [stage.changed for stage in stages] == [(), ("environment",), ("objective",)]
+    assert stages[1].system.environment.parameters == {"up": 0.6, "down": 0}
+    simulated = ScenarioSystem(stages, NoiseSpec(), "none", np.random.default_rng(0))
+    keep = simulated.actions.index("keep")
+    loads, rewards = [], []
+    for _ in range(2):
+        seen = simulated.reset()
+        while not seen.last:
+            loads.append(int(seen.valuation[_column(service, "load")]))
+            seen = simulated.step(keep)
+            rewards.append(seen.reward)
+    assert loads[3:] == sorted(loads[3:])
+    assert loads[-1] == 4
+    assert rewards[-1] == -4 * 3 - 1
+    assert simulated.truth.begun is not None
+    assert simulated.truth.begun["load"] == 4
+
+
+def _column(service: CaseStudy, name: str) -> int:
+    return [one.name for one in shown_variables(service.combination_at(0).program)].index(name)

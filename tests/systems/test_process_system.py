@@ -132,6 +132,19 @@ def test_it_is_served_with_truth_values_and_managed_from_afar(case: CaseStudy) -
         assert (there.valuation.tolist(), there.reward) == (own.valuation.tolist(), own.reward)
 
 
+def test_nobody_returns_to_a_start_where_there_is_no_space(tmp_path: Path) -> None:
+    placeless = ENDING.replace("space:\n  locations: {here: [0, 0]}\n  edges: []\n", "")
+    case = load_case(write_case(tmp_path, placeless.replace("  start: here\n", "")))
+    with pytest.raises(InputError, match="has no space in which to return to a start; reset it by `none` or"):
+        simulated(case, reset="return_to_start")
+    system = simulated(case, reset="none", detect=True)
+    assert system.reset().detections == {}
+    shrunk(system)
+    system.reset()
+    assert system.values is not None
+    assert "loc" not in system.values
+
+
 def test_the_way_back_to_a_single_location_is_no_step(case: CaseStudy) -> None:
     system = simulated(case, reset="return_to_start")
     system.reset()
