@@ -26,12 +26,7 @@ from merap.shield.safe_optimum import SafeOptimum
 from merap.shield.shielded_strategy import ShieldedStrategy
 from merap.shield.supervision import Safety, total
 from merap.strategies.evaluation import Range, Run, as_dict, executed, judged, summary
-from merap.strategies.problem import (
-    UNDISTURBED,
-    AdaptationProblem,
-    Conditions,
-    adaptation_problem,
-)
+from merap.strategies.problem import UNDISTURBED, AdaptationProblem, Conditions, adaptation_problem
 from merap.strategies.protocol import adaptation_rows
 from merap.strategies.registry import ALL, PRETRAINED, default_strategy, parse_strategy
 from merap.systems.strategy import Strategy
