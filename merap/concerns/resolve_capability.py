@@ -112,7 +112,9 @@ class CapabilityResolver:
         entry = self._settable.get(name)
         if entry is None:
             known = [one.name for one in self._settable.values() if one.concern != "objective"]
-            raise self.context.document.error(path, f"unknown process {name!r}{suggestion(name, known)}")
+            owners = [one.name for one in self._settable.values() if name in one.variables]
+            near = f": it is a variable of {owners[0]}" if owners else suggestion(name, known)
+            raise self.context.document.error(path, f"unknown process {name!r}{near}")
         if entry.concern == "objective":
             raise self.context.document.error(
                 path, f"the process {name} belongs to the objective, which only watches"
