@@ -9,6 +9,7 @@ import networkx as nx
 import numpy as np
 
 from merap.concerns.combination import DeclaredCombination
+from merap.concerns.steps import goal_locations
 from merap.errors import listed
 from merap.mdp.model import Bools, Ints
 from merap.program.expressions import Constant
@@ -24,9 +25,9 @@ def obstruction(combination: DeclaredCombination) -> str | None:
     the border of the region that can be reached, of those that lead on towards the goal.
     """
     space = combination.space
-    goals = np.flatnonzero(combination.objective.goal)
+    goals = np.flatnonzero(goal_locations(combination))
     if not len(goals):
-        return "the objective declares no goal"
+        return "the objective declares no goal at a location"
     exists = space.target >= 0
     usable = combination.passable & _has_action(combination)
     reached = _closure(_graph(space.target, usable), np.flatnonzero(combination.objective.start))

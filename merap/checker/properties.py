@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from merap.concerns.combination import Combination
 from merap.mdp.reserved_names import COMPLETE_LABEL, GOAL_LABEL
+from merap.program.labels import may_hold
 
 TIMEOUT = 300.0  # seconds for a model, and for each property
 REACH = "reach"
@@ -24,13 +25,13 @@ def properties(combination: Combination) -> Mapping[str, str]:
     `complete` and `complete_within_horizon` are those of its end. `reward` is the optimum of the
     paper's `eq:policygoal`; the discount inside `C<=` is Storm's extension of the language.
     """
-    objective = combination.objective
+    objective, program = combination.objective, combination.program
     horizon = objective.horizon
     defaults = {}
-    if objective.goal.any():
+    if may_hold(program, GOAL_LABEL):
         defaults[REACH] = f'Pmax=? [F "{GOAL_LABEL}"]'
         defaults[REACH_IN_TIME] = f'Pmax=? [F<={horizon} "{GOAL_LABEL}"]'
-    elif objective.ends_after is not None or objective.ends_in is not None:
+    elif may_hold(program, COMPLETE_LABEL):
         defaults[COMPLETE] = f'Pmax=? [F "{COMPLETE_LABEL}"]'
         defaults[COMPLETE_IN_TIME] = f'Pmax=? [F<={horizon} "{COMPLETE_LABEL}"]'
     discount = "" if combination.discount == 1 else f"discount={combination.discount}"

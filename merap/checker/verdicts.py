@@ -14,8 +14,9 @@ from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.concerns.arguments import as_text
-from merap.concerns.combination import Combination
+from merap.concerns.combination import Combination, DeclaredCombination
 from merap.concerns.lookup import as_combination
+from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 
 Status = Literal["ok", "unsupported", "timeout"]
@@ -152,12 +153,12 @@ def _verdict(
 def _reason(combination: Combination, answer: Answer) -> str | None:
     """Explain a false verdict: the obstacles that cut the goal off in space, else the value."""
     value = None if answer.value is None else f"the value is {answer.value:.6g}"
-    if not combination.objective.goal.any():
+    if not isinstance(combination, DeclaredCombination) or not goal_locations(combination).any():
         return value
     cut = obstruction(combination)
     if cut is not None:
         return cut
     open_way = "the goal can be reached in space"
     if answer.value == 0:
-        return f"{open_way}; the modes, or where the task ends, prevent it"
+        return f"{open_way}; what actions require, the modes, or where the task ends prevent it"
     return open_way if value is None else f"{open_way}; {value}"

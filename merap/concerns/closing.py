@@ -157,6 +157,8 @@ def _objective(objective: DeclaredObjective, change: Change) -> DeclaredObjectiv
         ),
         ends_after=condition(objective.ends_after),
         ends_in=condition(objective.ends_in),
+        goal=condition(objective.goal),
         unsafe=condition(objective.unsafe),
+        labels={name: change(where) for name, where in objective.labels.items()},
         processes=_processes(objective.processes, change),
     )

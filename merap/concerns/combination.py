@@ -146,21 +146,23 @@ class DeclaredObjective(Objective):
 
     Attributes:
         start: float64 [P], distribution over start locations.
-        goal: bool [P], the locations labelled `goal`.
+        goal: states labelled `goal`; None: there is no goal.
         rules: first match wins, no match earns 0.
         ends_after: a step that completes the task (source and action); None: no such step.
         ends_in: states (location and mode) that are complete; None: none.
         unsafe: states (location, mode, attributes) to avoid; None: none.
         processes: of the objective, in declared order: they watch, and draw nothing.
+        labels: name -> states, beside `goal` and `unsafe`.
     """
 
     start: Floats
-    goal: Bools
+    goal: Condition | None
     rules: tuple[RewardRule, ...]
     ends_after: Condition | None
     ends_in: Condition | None
     unsafe: Condition | None
     processes: tuple[DeclaredProcess, ...] = ()
+    labels: Mapping[str, Expression] = field(default_factory=dict)
 
     def same_episodes(self, other: Objective) -> bool:
         """Return whether episodes begin alike and last as long."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from merap.concerns.action_sets import joint_outcomes, with_sets
-from merap.concerns.conditions import all_of
+from merap.concerns.conditions import FALSE, all_of
 from merap.concerns.location_tables import LocationTables, is_mode, mode_in
 from merap.concerns.processes import as_process, linked
 from merap.mdp.model import Bools, Floats
@@ -56,12 +56,12 @@ def compose(combination: DeclaredCombination) -> Program:
     """Return the program of a combination; its reward structures are `objective` and `steps`."""
     tables = LocationTables(combination)
     complete = _complete(combination, tables)
-    labels = {
-        COMPLETE_LABEL: complete,
-        GOAL_LABEL: tables.within(combination.objective.goal),
-    }
-    if combination.objective.unsafe is not None:
-        labels[UNSAFE_LABEL] = tables.holds(combination.objective.unsafe)
+    objective = combination.objective
+    labels = {COMPLETE_LABEL: complete, GOAL_LABEL: FALSE}
+    for name, condition in ((GOAL_LABEL, objective.goal), (UNSAFE_LABEL, objective.unsafe)):
+        if condition is not None:
+            labels[name] = tables.holds(condition)
+    labels |= {name: tables.read(where) for name, where in objective.labels.items()}
     rewards = {
         "objective": RewardStructure(tuple(_rules(combination, tables)), first_match=True, shift=SHIFT),
         "steps": RewardStructure((RewardItem(ONE, _not(complete)),)),

@@ -22,8 +22,8 @@ from merap.concerns.parameters import (
     parse_value,
 )
 from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.schema import ChoiceSpec, GeneratedSpec, NamedSpec
 from merap.concerns.schema_base import shown
+from merap.concerns.schema_configurations import ChoiceSpec, GeneratedSpec, NamedSpec
 from merap.concerns.space import Space
 from merap.concerns.supports import Configurations, Generated, Named
 from merap.errors import InputError

@@ -9,21 +9,27 @@ modes have become numbers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from merap.concerns.location_tables import HERE
-from merap.concerns.location_words import AT, LocationWords
-from merap.concerns.parameters import ParameterTypes, parameter_name
+from merap.concerns.location_words import AT, LocationWords, cell
+from merap.concerns.parameters import ParameterTypes, find_locations, parameter_name
+from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import (
+    Column,
     Constant,
     Expression,
     Kind,
+    Lookup,
     Operation,
+    Table,
     Value,
     Variable,
     exact,
@@ -59,6 +65,7 @@ class ExpressionNames(ShortRepr):
         primed: `location`, `attributes`, `mode` and `processes`, if they may be read of the successor too.
         of_state: whether there is a state to read; else parameters alone.
         foreign: whether parameters of other concerns may be read.
+        labels: in double quotes -> the resolved condition.
     """
 
     reader: ConcernName
@@ -69,6 +76,7 @@ class ExpressionNames(ShortRepr):
     primed: frozenset[str] = frozenset()
     of_state: bool = True
     foreign: bool = True
+    labels: Mapping[str, Expression] = field(default_factory=dict)
 
     @cached_property
     def kinds(self) -> Mapping[str, Kind]:
@@ -128,11 +136,29 @@ class ExpressionNames(ShortRepr):
                 return Operation(symbol, sides)
         return with_parts(expression, tuple(self.resolve(part) for part in parts(expression)))
 
+    def located(self, refs: LocationSet, prime: str = "") -> Expression:
+        """Return whether the location, or with a prime that of the successor, is among some locations.
+
+        Raises:
+            InputError: a location is unknown.
+        """
+        if isinstance(refs, Box):
+            mask = np.zeros(self.space.num_locations, dtype=np.bool_)
+            mask[list(find_locations(refs, self.space))] = True
+            return Lookup(Table("", Column.of(mask)), Variable(HERE + prime, 0))
+        places = tuple(Variable(ref, 0) if isinstance(ref, str) else cell(*ref) for ref in refs)
+        return self._words.membership(Operation(AT + prime, places), self._held)
+
     def _held(self, place: Variable) -> Variable | None:
         """Return the parameter of locations that has a name."""
         found = self._find(place)
-        holds = found is not None and self.kinds.get(found) == "locations"
-        return Variable(found, place.column) if holds and found is not None else None
+        if found is None or "." not in found:
+            return None
+        concern, _, name = found.partition(".")
+        of = self.parameters[concern][name]  # type: ignore[index]
+        if not of.holds_locations:
+            raise InputError(f"the parameter {place.name!r} is of type {of}, it holds no locations")
+        return Variable(found, place.column)
 
     def _values(self, compared: Expression) -> Mapping[str, Value]:
         """Return the names of the values of what is compared."""
@@ -149,6 +175,11 @@ class ExpressionNames(ShortRepr):
         return numbered(self.parameters[concern][own].value_names) if own else NO_VALUES  # type: ignore[index]
 
     def _resolved(self, variable: Variable, values: Mapping[str, Value]) -> Expression:
+        if variable.name in self.labels:
+            return self.labels[variable.name]
+        if variable.name.startswith('"'):
+            near = suggestion(variable.name, self.labels)
+            raise InputError(f"unknown label {variable.name} at column {variable.column}{near}")
         name = variable.name.removesuffix("'")
         found = self._find(Variable(name, variable.column))
         if found is None and name == variable.name and self.of_state and name in self.modes:

@@ -21,7 +21,8 @@ from merap.concerns.resolve_capability import NO_ENTRY, CapabilityResolver
 from merap.concerns.resolve_environment import BLOCKED, EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
-from merap.concerns.schema import CaseSpec, ObjectiveSpec
+from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_objective import ObjectiveSpec
 from merap.concerns.supports import Configurations, DeclaredSupports, Support, Supports
 from merap.concerns.validation import validate
 from merap.concerns.yaml_file import read_document

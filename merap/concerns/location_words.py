@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, reduce
 
 import numpy as np
@@ -116,7 +117,8 @@ class LocationWords(ShortRepr):
     def _named(self, place: Variable) -> int:
         if place.name not in self.space.location_index:
             near = suggestion(place.name, self.space.locations)
-            raise InputError(f"unknown location {place.name!r} at column {place.column}{near}")
+            column = f" at column {place.column}" if place.column else ""
+            raise InputError(f"unknown location {place.name!r}{column}{near}")
         return self.space.location_index[place.name]
 
 
@@ -125,6 +127,11 @@ def _text(place: Expression) -> str:
         row, column = _cell(place)
         return f"[{row}, {column}]"
     return place.name if isinstance(place, Variable) else ""
+
+
+def cell(row: int, col: int) -> Expression:
+    """Return a cell as `at(..)` has it."""
+    return Operation("cell", (Constant(Fraction(row)), Constant(Fraction(col))))
 
 
 def _cell(place: Operation) -> tuple[int, int]:

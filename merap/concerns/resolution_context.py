@@ -25,7 +25,10 @@ from merap.program.expressions import (
     Constant,
     Expression,
     Kind,
+    Lookup,
+    Operation,
     Value,
+    Variable,
     check,
     exact,
     parse,
@@ -47,6 +50,7 @@ class ResolutionContext(ShortRepr):
         actions: names of external, innate and `start_*` actions.
         parameters: of each concern.
         variables: those of processes by name, with the concern that owns them.
+        labels: of the objective, in double quotes -> the resolved condition.
         definitions: name, or label in quotes -> what it stands for, in names that are resolved then.
     """
 
@@ -56,6 +60,7 @@ class ResolutionContext(ShortRepr):
     actions: tuple[str, ...]
     parameters: Mapping[ConcernName, ParameterTypes] = field(default_factory=dict)
     variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
+    labels: Mapping[str, Expression] = field(default_factory=dict)
     definitions: Mapping[str, Expression] = field(default_factory=dict)
 
     def names(
@@ -76,12 +81,13 @@ class ResolutionContext(ShortRepr):
             frozenset(primed),
             of_state,
             foreign,
+            self.labels if reader == "objective" and of_state else {},
         )
 
     def compile(
         self,
         path: KeyPath,
-        given: str | float | bool,
+        given: str | float | bool | Expression,
         names: ExpressionNames,
         expected: Kind,
         values: Mapping[str, Value] = NO_VALUES,
@@ -90,7 +96,7 @@ class ResolutionContext(ShortRepr):
 
         Args:
             path: its place.
-            given: the expression.
+            given: the expression, as text or parsed.
             names: that it may use.
             expected: its type.
             values: names of values that may stand for the whole.
@@ -99,10 +105,8 @@ class ResolutionContext(ShortRepr):
             InputError: with its place.
         """
         with self.document.at(*path):
-            if isinstance(given, str):
-                expression = names.resolve(substitute(parse(given), self.definitions), values)
-            else:
-                expression = Constant(given if isinstance(given, bool) else exact(given))
+            read = substitute(as_expression(given), self.definitions)
+            expression = names.resolve(read, values)
             check(expression, names.kinds, expected)
             return expression
 
@@ -160,6 +164,19 @@ def frozen(array: Bools) -> Bools:
     """Return the array, read-only."""
     array.flags.writeable = False
     return array
+
+
+def as_expression(given: str | float | bool | Expression) -> Expression:
+    """Return what a value of the file says as an expression; numbers stay exact.
+
+    Raises:
+        InputError: a syntax error.
+    """
+    if isinstance(given, str):
+        return parse(given)
+    if isinstance(given, Constant | Variable | Operation | Lookup):
+        return given
+    return Constant(given if isinstance(given, bool) else exact(given))
 
 
 def names_in(expressions: list[Expression]) -> set[str]:

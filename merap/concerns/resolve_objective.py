@@ -2,95 +2,68 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
-from merap.concerns.expression_names import STEP, ExpressionNames
-from merap.concerns.parameters import Values, constants, held_locations, parameter_name, present_all
+from merap.concerns.expression_names import STEP
+from merap.concerns.parameters import Values, constants, parameter_name, present_all
 from merap.concerns.resolution_context import ResolutionContext, names_in
+from merap.concerns.resolve_conditions import Labels, resolve_condition
 from merap.concerns.resolve_processes import ProcessResolver, process_entries
-from merap.concerns.schema import CaseSpec, EndSpec, PredicateSpec, RewardSpec, StartPoint
-from merap.concerns.schema_base import Box, LocationSet
+from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_objective import MAX_HORIZON, ObjectiveSpec, PredicateSpec, StartPoint
 from merap.errors import InputError
-from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats
-from merap.mdp.reserved_names import GOAL_LABEL
-from merap.mdp.short_repr import ShortRepr
+from merap.mdp.model import ROW_SUM_TOLERANCE, Floats
+from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.program.expressions import Constants, Expression, fold
-from merap.program.names import check_name, suggestion
+from merap.program.names import check_emitted_name, check_name, suggestion
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ConditionTemplate(ShortRepr):
-    """A condition before parameters are put in."""
-
-    path: KeyPath
-    at: LocationSet | None
-    to: LocationSet | None
-    modes: Bools | None
-    to_modes: Bools | None
-    actions: frozenset[str] | None
-    where: Expression | None
+START = ("objective", "start")
 
 
 class ObjectiveResolver:
     """Makes objectives from parameter values; call it with a name and values.
 
     Raises:
-        InputError: an expression is wrong, or a mode or action unknown.
+        InputError: an expression is wrong, or a mode, action or label unknown.
     """
 
     def __init__(self, context: ResolutionContext, case: CaseSpec) -> None:
-        self.context = context
         self.spec = spec = case.objective
-        states = context.names("objective")
-        steps = context.names("objective", primed=STEP)
+        labels = Labels(context, _label_specs(context, spec))
+        self.context = context = replace(context, labels=labels)
+        self.labels = dict(labels)  # what is wrong with them is found here
+        states, steps = context.names("objective"), context.names("objective", primed=STEP)
         self.rules = tuple(
-            (
-                self._template(("objective", "rewards", index), rule, steps),
+            RewardRule(
+                resolve_condition(context, ("objective", "rewards", index), rule, steps),
                 context.compile(("objective", "rewards", index, "value"), rule.value, steps, "number"),
             )
             for index, rule in enumerate(spec.rewards)
         )
-        self.ends_after = self._optional("ends_after", spec.ends_after, states)
-        self.ends_in = self._optional("ends_in", spec.ends_in, states)
-        self.unsafe = self._optional("unsafe", spec.unsafe, states)
+        self.ends = {
+            key: None
+            if condition is None
+            else resolve_condition(context, ("objective", key), condition, states)
+            for key, condition in (("ends_after", spec.ends_after), ("ends_in", spec.ends_in))
+        }
         self.processes = ProcessResolver(context, process_entries(case, "objective"))
+        self._check_horizon()
         for name in spec.properties:
             with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
 
-    def _optional(
-        self, key: str, spec: PredicateSpec | None, names: ExpressionNames
-    ) -> ConditionTemplate | None:
-        return None if spec is None else self._template(("objective", key), spec, names)
-
-    def _template(self, path: KeyPath, spec: PredicateSpec, names: ExpressionNames) -> ConditionTemplate:
-        context = self.context
-        to, to_mode = (spec.to, spec.to_mode) if isinstance(spec, RewardSpec) else (None, None)
-        return ConditionTemplate(
-            path=path,
-            at=spec.at,
-            to=to,
-            modes=context.mode_mask((*path, "mode"), spec.mode),
-            to_modes=context.mode_mask((*path, "to_mode"), to_mode),
-            actions=self._actions((*path, "action"), spec.action) if isinstance(spec, EndSpec) else None,
-            where=None
-            if spec.where is None
-            else context.compile((*path, "where"), spec.where, names, "bool"),
-        )
-
-    def _actions(self, path: KeyPath, names: tuple[str, ...] | None) -> frozenset[str] | None:
-        if names is None:
-            return None
-        for name in names:
-            if name not in self.context.actions:
-                raise self.context.document.error(
-                    path, f"unknown action {name!r}{suggestion(name, self.context.actions)}"
-                )
-        return frozenset(names)
+    def _check_horizon(self) -> None:
+        horizon, types = self.spec.horizon, self.spec.parameters
+        if isinstance(horizon, str) and (horizon not in types or types[horizon].name != "int"):
+            whole = [name for name, of in types.items() if of.name == "int"]
+            raise self.context.document.error(
+                ("objective", "horizon"),
+                f"expected a number, or a parameter of type int; got {horizon!r}{suggestion(horizon, whole)}",
+            )
 
     def __call__(
         self,
@@ -111,31 +84,52 @@ class ObjectiveResolver:
             InputError: a location is unknown, or an expression undefined.
         """
         known = constants("objective", self.spec.parameters, values, self.context.space)
-        path, points = start or (("objective", "start"), self.spec.start)
+        path, points = start or (START, self.spec.start)
+        labels = {
+            label.strip('"'): self._fold((label.strip('"'),), name, condition, known)
+            for label, condition in self.labels.items()
+        }
+        goal, unsafe = labels.pop(GOAL_LABEL, None), labels.pop(UNSAFE_LABEL, None)
         return DeclaredObjective(
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
             known=known,
             start=self._start(path, points, values),
-            horizon=horizon or self.spec.horizon,
-            goal=self.context.mask(held_locations(values, GOAL_LABEL)),
+            horizon=horizon or self._horizon(values, name),
+            goal=None if goal is None else Condition(where=goal),
+            unsafe=None if unsafe is None else Condition(where=unsafe),
+            labels=labels,
             rules=tuple(
                 RewardRule(
-                    self._condition(template, name, values, known), self._fold(template, name, value, known)
+                    self._condition(("rewards", index), name, rule.condition, known),
+                    self._fold(("rewards", index, "value"), name, rule.value, known),
                 )
-                for template, value in self.rules
+                for index, rule in enumerate(self.rules)
             ),
-            ends_after=self._condition_or_none(self.ends_after, name, values, known),
-            ends_in=self._condition_or_none(self.ends_in, name, values, known),
-            unsafe=self._condition_or_none(self.unsafe, name, values, known),
+            ends_after=self._end("ends_after", name, known),
+            ends_in=self._end("ends_in", name, known),
             properties=dict(self.spec.properties),
             processes=self.processes(name, known),
         )
 
+    def _horizon(self, values: Values, name: str) -> int:
+        if isinstance(self.spec.horizon, int):
+            return self.spec.horizon
+        horizon = int(values[self.spec.horizon])  # type: ignore[arg-type]
+        if not 1 <= horizon <= MAX_HORIZON:
+            raise self.context.document.error(
+                ("objective", "configurations", name, self.spec.horizon),
+                f"the horizon is {horizon}, allowed is 1 to {MAX_HORIZON}",
+            )
+        return horizon
+
     def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
-        if not points:
+        space = self.context.space
+        if not space.located:
+            if points:
+                raise self.context.document.error(path, "a case without space has no start")
             return np.ones(1)
-        start = np.zeros(self.context.space.num_locations)
+        start = np.zeros(space.num_locations)
         for number, point in enumerate(points):
             with self.context.document.at(*path, number):
                 indices = self.context.select((point.at,), self.spec.parameters, values)
@@ -147,51 +141,44 @@ class ObjectiveResolver:
         start.flags.writeable = False
         return start
 
-    def _fold(
-        self, template: ConditionTemplate, name: str, expression: Expression, known: Constants
-    ) -> Expression:
+    def _fold(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> Expression:
         try:
             return fold(expression, known)
         except InputError as error:
-            raise self.context.document.error(template.path, f"{error.message} (objective {name})") from error
+            message = f"{error.message} (objective {name})"
+            raise self.context.document.error(("objective", *path), message) from error
 
-    def _condition_or_none(
-        self, template: ConditionTemplate | None, name: str, values: Values, known: Constants
-    ) -> Condition | None:
-        return None if template is None else self._condition(template, name, values, known)
+    def _condition(self, path: KeyPath, name: str, condition: Condition, known: Constants) -> Condition:
+        where = condition.where
+        return condition if where is None else replace(condition, where=self._fold(path, name, where, known))
 
-    def _condition(
-        self, template: ConditionTemplate, name: str, values: Values, known: Constants
-    ) -> Condition:
-        where = template.where
-        return Condition(
-            at=self._places((*template.path, "at"), template.at, values),
-            modes=template.modes,
-            actions=template.actions,
-            to=self._places((*template.path, "to"), template.to, values),
-            to_modes=template.to_modes,
-            where=None if where is None else self._fold(template, name, where, known),
-        )
-
-    def _places(self, path: KeyPath, refs: LocationSet | None, values: Values) -> Bools | None:
-        if refs is None:
-            return None
-        with self.context.document.at(*path):
-            return self.context.mask(self.context.select(refs, self.spec.parameters, values))
-
-    @property
-    def templates(self) -> list[ConditionTemplate]:
-        """Every condition, those of the rewards first."""
-        ends = [self.ends_after, self.ends_in, self.unsafe]
-        return [template for template, _ in self.rules] + [end for end in ends if end is not None]
+    def _end(self, key: str, name: str, known: Constants) -> Condition | None:
+        end = self.ends[key]
+        return None if end is None else self._condition((key,), name, end, known)
 
     def names_read(self) -> set[str]:
-        """Return the resolved names of the parameters that expressions, locations or the start read."""
-        found = [value for _, value in self.rules]
-        found += self.processes.expressions
-        found += [template.where for template in self.templates if template.where is not None]
-        places = [refs for template in self.templates for refs in (template.at, template.to)]
-        listed = [ref for refs in places if refs is not None and not isinstance(refs, Box) for ref in refs]
-        listed += [point.at for point in self.spec.start]
-        held = {parameter_name("objective", ref) for ref in listed if isinstance(ref, str)}
-        return names_in(found) | held
+        """Return the resolved names that expressions, locations, the start or the horizon read."""
+        conditions = [rule.condition for rule in self.rules]
+        conditions += [end for end in self.ends.values() if end is not None]
+        found = [one.where for one in conditions if one.where is not None]
+        found += [rule.value for rule in self.rules] + [*self.labels.values()] + self.processes.expressions
+        held = [point.at for point in self.spec.start] + [self.spec.horizon]
+        return names_in(found) | {parameter_name("objective", one) for one in held if isinstance(one, str)}
+
+
+def _label_specs(context: ResolutionContext, spec: ObjectiveSpec) -> dict[str, tuple[KeyPath, PredicateSpec]]:
+    """Return what each label stands for: at the parameter `goal` is the goal, if nothing else is said."""
+    specs: dict[str, tuple[KeyPath, PredicateSpec]] = {}
+    for name, where in spec.labels.items():
+        path = ("objective", "labels", name)
+        with context.document.at(*path):
+            check_emitted_name(name, "a label")
+        text = where if isinstance(where, str) else str(where).lower()
+        specs[name] = path, PredicateSpec(where=text)
+    goal = spec.goal
+    if goal is None and GOAL_LABEL in spec.parameters:
+        goal = PredicateSpec(at=(GOAL_LABEL,))
+    for name, condition in ((GOAL_LABEL, goal), (UNSAFE_LABEL, spec.unsafe)):
+        if condition is not None:
+            specs[name] = ("objective", name), condition
+    return specs

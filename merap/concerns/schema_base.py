@@ -149,7 +149,7 @@ def _name_list(value: Any) -> Any:
 
 _CELL_SCHEMA = {"type": "array", "items": {"type": "integer"}, "minItems": 2, "maxItems": 2}
 REF_SCHEMA = {"anyOf": [{"type": "string"}, _CELL_SCHEMA]}
-_SET_SCHEMA = {
+SET_SCHEMA = {
     "anyOf": [
         {"type": "string", "description": "a location, or a parameter that holds locations"},
         {"type": "array", "items": REF_SCHEMA, "description": "several, or one as [row, col]"},
@@ -165,7 +165,7 @@ _SET_SCHEMA = {
 }
 
 Name = Annotated[str, WithJsonSchema({"type": "string", "pattern": IDENTIFIER})]
-Locations = Annotated[LocationSet, PlainValidator(location_set), WithJsonSchema(_SET_SCHEMA)]
+Locations = Annotated[LocationSet, PlainValidator(location_set), WithJsonSchema(SET_SCHEMA)]
 Number = Annotated[
     int | float | str,
     PlainValidator(_number_or_text),
@@ -223,7 +223,7 @@ Settings = Annotated[
                     "type": "array",
                     "items": {
                         "type": "object",
-                        "properties": {"at": _SET_SCHEMA, "value": _VALUE_SCHEMA},
+                        "properties": {"at": SET_SCHEMA, "value": _VALUE_SCHEMA},
                         "required": ["at", "value"],
                         "additionalProperties": False,
                     },

@@ -6,12 +6,11 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from merap.concerns.parameter_types import Parameter
-from merap.concerns.schema import MAX_HORIZON, Configurations, NamedSpec, SystemSpec
+from merap.concerns.schema import SystemSpec
 from merap.concerns.schema_base import Name, Names, Number, Spec, wrong
+from merap.concerns.schema_configurations import ConfiguredSpec
+from merap.concerns.schema_objective import Horizon
 from merap.program.form import ConcernName
-
-_ONE: NamedSpec = {"default": {}}
 
 
 class TextSpec(Spec):
@@ -59,17 +58,6 @@ class ProgramSpec(Spec):
         return self
 
 
-class WrittenConcernSpec(Spec):
-    """A concern of a case whose models are PRISM text."""
-
-    parameters: dict[Name, Parameter] = Field(
-        default={}, description="name: type; an open constant of the text, or what the objective reads"
-    )
-    configurations: Configurations = Field(
-        default=_ONE, description="named configurations, or a generated support"
-    )
-
-
 class WrittenRewardSpec(Spec):
     """A reward rule; the first that matches counts."""
 
@@ -78,10 +66,10 @@ class WrittenRewardSpec(Spec):
     value: Number = Field(description="a number or an expression; x' reads x of the successor")
 
 
-class WrittenObjectiveSpec(WrittenConcernSpec):
+class WrittenObjectiveSpec(ConfiguredSpec):
     """The objective: over the text's variables, constants, formulas and, in double quotes, its labels."""
 
-    horizon: int | str = Field(description="steps of an episode: a number, or a parameter")
+    horizon: Horizon = Field(description="steps of an episode: a number, or a parameter")
     goal: str | None = Field(
         default=None, description="states to reach; by default those with the text's label goal"
     )
@@ -104,8 +92,6 @@ class WrittenObjectiveSpec(WrittenConcernSpec):
             raise wrong("expected either reward or rewards", ("rewards",))
         if self.reward is None and "sign" in self.model_fields_set:
             raise wrong("sign goes with reward", ("sign",))
-        if isinstance(self.horizon, int) and not 1 <= self.horizon <= MAX_HORIZON:
-            raise wrong(f"expected a whole number from 1 to {MAX_HORIZON}, got {self.horizon}", ("horizon",))
         return self
 
 
@@ -115,9 +101,9 @@ class WrittenCaseSpec(Spec):
     case: Name = Field(description="the name of the case study")
     discount: float = Field(default=1.0, gt=0, le=1, description="of a step")
     program: ProgramSpec = Field(description="the models")
-    environment: WrittenConcernSpec = Field(
-        default=WrittenConcernSpec(), description="what may be different around the system"
+    environment: ConfiguredSpec = Field(
+        default=ConfiguredSpec(), description="what may be different around the system"
     )
-    capability: WrittenConcernSpec = Field(default=WrittenConcernSpec(), description="what the system can do")
+    capability: ConfiguredSpec = Field(default=ConfiguredSpec(), description="what the system can do")
     objective: WrittenObjectiveSpec = Field(description="what the user wants")
     online: dict[Name, SystemSpec] = Field(default={}, description="name: a system that is met online")

@@ -98,6 +98,24 @@ def holds_in_states(combination: DeclaredCombination, condition: Condition) -> B
     return Steps(combination, states, np.zeros_like(states), states).holds(condition)
 
 
+def goal_locations(combination: DeclaredCombination) -> Bools:
+    """bool [P], where the goal is, whatever else the state is; nowhere if it is not about locations alone."""
+    goal, count = combination.objective.goal, combination.space.num_locations
+    nowhere = np.zeros(count, dtype=np.bool_)
+    if goal is None or goal.modes is not None or not combination.space.located:
+        return nowhere
+    mask = np.ones(count, dtype=np.bool_) if goal.at is None else goal.at
+    if goal.where is None:
+        return mask
+    here = np.arange(count)
+    scope = scope_of(combination, here, nowhere.astype(np.int64), here, nowhere.astype(np.int64))
+    scope.pop(MODE_VARIABLE)
+    if any(variable.name not in scope for variable in variables(goal.where)):
+        return nowhere
+    found: Bools = mask & evaluate(goal.where, scope)
+    return found
+
+
 def scope_of(
     combination: DeclaredCombination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
 ) -> dict[str, Column]:

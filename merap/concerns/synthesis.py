@@ -259,11 +259,18 @@ def _labels(combination: DeclaredCombination, complete: Bools) -> dict[str, Bool
     flag = np.tile([False, True], len(complete))
     labels = {
         COMPLETE_LABEL: flag | np.repeat(complete, 2),
-        GOAL_LABEL: np.repeat(combination.objective.goal, 2 * len(combination.modes)),
+        GOAL_LABEL: np.repeat(_goal(combination), 2),
     }
     if combination.objective.unsafe is not None:
         labels[UNSAFE_LABEL] = np.repeat(holds_in_states(combination, combination.objective.unsafe), 2)
     return labels
+
+
+def _goal(combination: DeclaredCombination) -> Bools:
+    goal = combination.objective.goal
+    if goal is None:
+        return np.zeros(combination.space.num_locations * len(combination.modes), dtype=np.bool_)
+    return holds_in_states(combination, goal)
 
 
 def _complete_in(combination: DeclaredCombination) -> Bools:

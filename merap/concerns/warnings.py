@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice
 
-import numpy as np
-
 from merap.concerns.combination import Capability
-from merap.concerns.document import key_text
+from merap.concerns.document import KeyPath, key_text
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.parameters import parameter_name
 from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.resolve_objective import ConditionTemplate, ObjectiveResolver
+from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
+from merap.concerns.schema_objective import PredicateSpec
 from merap.concerns.supports import Support
 
 # Capabilities of a large support that are looked at for what they lack.
@@ -23,13 +22,7 @@ LOOKED_AT = 1000
 
 def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
     """A sentence for every parameter that nothing reads."""
-    read = {
-        "environment.blocked",
-        "environment.blocked_edges",
-        "environment.locked",
-        "capability.no_entry",
-        "objective.goal",
-    }
+    read = {"environment.blocked", "environment.blocked_edges", "environment.locked", "capability.no_entry"}
     read = read.union(*resolvers.names_read().values())
     for concern in CONCERNS:
         for name in getattr(spec, concern).parameters:
@@ -57,10 +50,15 @@ def idle_rules(
         for name in (*context.actions, *context.modes):
             if name not in present:
                 lacked.setdefault(name, capability.name)
-    for template in resolver.templates:
-        for name in sorted(_named(context, template) & lacked.keys()):
+    spec = resolver.spec
+    conditions: dict[KeyPath, PredicateSpec | None] = {
+        ("rewards", index): rule for index, rule in enumerate(spec.rewards)
+    }
+    conditions |= {(key,): getattr(spec, key) for key in ("ends_after", "ends_in", "unsafe", "goal")}
+    for path, condition in conditions.items():
+        for name in sorted(_named(condition) & lacked.keys()):
             yield (
-                f"{key_text(template.path)}: names {name!r}, which capability {lacked[name]} lacks: "
+                f"{key_text(('objective', *path))}: names {name!r}, which capability {lacked[name]} lacks: "
                 "it never matches there"
             )
 
@@ -74,9 +72,7 @@ def vocabulary(context: ResolutionContext, capability: Capability) -> set[str]:
     return names | {capability.innate.start_action} if capability.innate.restart else names
 
 
-def _named(context: ResolutionContext, template: ConditionTemplate) -> set[str]:
-    names = set(template.actions or ())
-    for mask in (template.modes, template.to_modes):
-        if mask is not None:
-            names |= {context.modes[mode] for mode in np.flatnonzero(mask)}
-    return names
+def _named(condition: PredicateSpec | None) -> set[str]:
+    """Return the actions and modes that a condition names."""
+    keys = ("action", "mode", "to_mode")
+    return {name for key in keys for name in getattr(condition, key, None) or ()}

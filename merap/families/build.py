@@ -19,8 +19,9 @@ from merap.mdp.canonical import canonicalise
 from merap.mdp.comparison import compare
 from merap.mdp.graph import fewest_steps
 from merap.mdp.model import Bools, TabularMDP
-from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
+from merap.program.labels import may_hold
 
 MAX_TASKS = 512
 MAX_PAIRS = 128
@@ -135,8 +136,8 @@ def is_cut_off(combination: Combination, whole: TabularMDP) -> bool:
         combination: `whole` is its model, before it is put on the canonical index.
         whole: with the label `goal`.
     """
-    declared = bool(combination.objective.goal.any())
-    return declared and fewest_steps(whole, whole.labels["goal"]) > combination.objective.horizon
+    declared = may_hold(combination.program, GOAL_LABEL)
+    return declared and fewest_steps(whole, whole.labels[GOAL_LABEL]) > combination.objective.horizon
 
 
 def cut_off_warnings(system: Combination) -> tuple[str, ...]:

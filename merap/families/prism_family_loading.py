@@ -14,7 +14,7 @@ from merap.concerns.document import Document
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.parameters import Values, present_all
 from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.schema import MAX_HORIZON
+from merap.concerns.schema_objective import MAX_HORIZON
 from merap.concerns.schema_program import WrittenCaseSpec
 from merap.concerns.space import NO_SPACE
 from merap.concerns.supports import Configurations, Support, Supports

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from merap.concerns.schema import MAX_HORIZON, Concern, SystemSpec
+from merap.concerns.schema import Concern, SystemSpec
 from merap.concerns.schema_base import Name, Spec, wrong
+from merap.concerns.schema_objective import MAX_HORIZON
 from merap.trigger.settings import ChangeTriggerSpec, TriggerSpec
 
 MAX_EPISODES = 1_000_000

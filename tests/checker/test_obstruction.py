@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from merap.checker.obstruction import obstruction
-from merap.concerns.combination import Combination
+from merap.concerns.combination import Combination, Condition
 from merap.concerns.external_action import ExternalAction, Outcome
 from tests.support.hand_made import (
     cells,
@@ -59,7 +59,8 @@ def test_a_long_list_is_shortened() -> None:
 
 
 def only_goal_at(location: int, combination: Combination) -> Combination:
-    return with_objective(combination, goal=np.arange(4) == location, start=np.array([1.0, 0.0, 0.0, 0.0]))
+    goal = Condition(at=np.arange(4) == location)
+    return with_objective(combination, goal=goal, start=np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 def test_blocked_edges_are_named_by_their_ends() -> None:
@@ -100,8 +101,8 @@ def test_a_goal_without_a_way_in_is_nobody_s_fault() -> None:
 
 
 def test_an_objective_without_goal_says_so() -> None:
-    combination = with_objective(graph_combination(), goal=np.zeros(4, dtype=np.bool_))
-    assert obstruction(combination) == "the objective declares no goal"
+    combination = with_objective(graph_combination(), goal=None)
+    assert obstruction(combination) == "the objective declares no goal at a location"
 
 
 @pytest.mark.parametrize(("start", "open_way"), [(0, False), (3, True)])

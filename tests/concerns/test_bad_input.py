@@ -93,7 +93,7 @@ def test_wrong_space_files(
 
 
 def test_the_first_of_several_errors_is_named_and_the_others_are_counted(tmp_path: Path) -> None:
-    text = replaced(replaced(GRAPH, "horizon: 12", "horizon: x"), "discount: 1\n", "discount: y\n")
+    text = replaced(replaced(GRAPH, "horizon: 12", "horizon: [x]"), "discount: 1\n", "discount: y\n")
     error = refuse(tmp_path, text)
     assert error.line == 2
     assert error.message == "expected a number, got 'y' (and 1 more)"

@@ -11,6 +11,7 @@ import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
+from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 from tests.support.paths import MODELS
@@ -30,7 +31,7 @@ def ends(combination: Combination) -> tuple[str, str]:
     """The one start and the one goal."""
     locations = combination.space.locations
     (start,) = np.flatnonzero(combination.objective.start)
-    (goal,) = np.flatnonzero(combination.objective.goal)
+    (goal,) = np.flatnonzero(goal_locations(combination))
     return locations[start], locations[goal]
 
 

@@ -135,7 +135,7 @@ def test_a_declared_name_wins(tmp_path: Path) -> None:
     [
         (graph("{where: at(H), value: 1}"), "where: unknown location 'H' at column 4; known: S, A, B, G"),
         (graph("{where: at(light), value: 1}"), "unknown location 'light' at column 4"),
-        (graph("{where: at(bonus), value: 1}"), "unknown location 'bonus'"),
+        (graph("{where: at(bonus), value: 1}"), "'bonus' is of type real, it holds no locations"),
         (graph('{where: "at([0, 1])", value: 1}'), r"unknown location \[0, 1\]: .* belongs to a grid"),
         (graph("{value: row}"), "value: 'row' at column 1: rows and columns belong to a grid"),
         (graph("{value: goal}"), r"'goal' at column 1 can't be read here: it is of type locations"),

@@ -251,7 +251,8 @@ def web_service(up: str, down: str, boot: str, w_time: str) -> Combination:
         ),
         capability=replace(graph.capability, no_entry=free, external=external, innate=None),
         objective=replace(
-            graph.objective, start=np.ones(1), goal=free, rules=(RewardRule(Condition(), value),),
+            graph.objective, start=np.ones(1), goal=Condition(at=free),
+            rules=(RewardRule(Condition(), value),),
             ends_in=None, ends_after=None, unsafe=None,
         ),
     )  # fmt: skip

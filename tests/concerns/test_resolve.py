@@ -10,6 +10,7 @@ import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.external_action import ExternalAction
+from merap.concerns.steps import goal_locations
 from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
 from merap.program.expressions import Constant, evaluate, render
@@ -173,9 +174,10 @@ def test_a_probability_of_zero_is_no_transition(tmp_path: Path) -> None:
 
 def test_start_and_goal(graph: CaseStudy) -> None:
     g, ab = graph.supports.objective
+    at_g, at_ab = (goal_locations(graph.combine(0, 0, index)) for index in (0, 1))
     assert g.start.tolist() == [0.75, 0.25, 0, 0]
-    assert g.goal.tolist() == [False, False, False, True]
-    assert ab.goal.tolist() == [False, True, True, False]
+    assert at_g.tolist() == [False, False, False, True]
+    assert at_ab.tolist() == [False, True, True, False]
     assert (g.horizon, g.properties) == (12, {"soon": 'Pmax>=0.5 [F<=12 "goal"]'})
     assert ab.parameters == {"goal": ["A", "B"], "bonus": -1.0}
 
@@ -212,21 +214,18 @@ def test_a_start_may_be_a_parameter(tmp_path: Path) -> None:
 
 def test_rules_and_conditions(graph: CaseStudy) -> None:
     objective = graph.supports.objective[0]
-    reach, dark, back, other = objective.rules
+    reach, _, back, other = objective.rules
     assert reach.value == Constant(Fraction(21, 2))
-    assert reach.condition.at is not None
-    assert reach.condition.at.tolist() == [False, False, False, True]
     assert reach.condition.actions == frozenset({"stop"})
-    assert reach.condition.modes is not None
-    assert reach.condition.modes.tolist() == [True, False, True]
-    assert dark.condition.to is not None
-    assert dark.condition.to.tolist() == [False, False, True, False]
-    assert dark.condition.where is not None
-    assert render(dark.condition.where) == "light' = 0 & mode' = mode"
-    assert back.condition.to_modes is not None
-    assert back.condition.to_modes.tolist() == [True, False, False]
+    conditions = [render(rule.condition.where or Constant(True)) for rule in objective.rules]
+    assert conditions == [
+        "at(goal) & (mode = 0 | mode = 2)",
+        "at'(B) & (light' = 0 & mode' = mode)",
+        "mode' = 0",
+        "true",
+    ]
     assert evaluate(back.value, {"light": np.array([0, 3])}).tolist() == [-4, -1]
-    assert (other.condition.at, other.condition.where, other.value) == (None, None, Constant(Fraction(-1)))
+    assert other.value == Constant(Fraction(-1))
 
 
 def test_ends_and_unsafe(graph: CaseStudy) -> None:
@@ -234,10 +233,8 @@ def test_ends_and_unsafe(graph: CaseStudy) -> None:
     assert objective.ends_after is not None
     assert objective.ends_after.actions == frozenset({"stop"})
     assert objective.ends_in is not None
-    assert objective.ends_in.at is not None
-    assert objective.ends_in.at.tolist() == [False, True, True, False]
-    assert objective.ends_in.modes is not None
-    assert objective.ends_in.modes.tolist() == [False, False, True]
+    assert objective.ends_in.where is not None
+    assert render(objective.ends_in.where) == "at(goal) & mode = 2 & light > 0"
     assert objective.unsafe is not None
     assert objective.unsafe.where is not None
     assert render(objective.unsafe.where) == "light = 0 & mode != 1"
@@ -253,7 +250,6 @@ def test_arrays_are_read_only(graph: CaseStudy) -> None:
         combination.environment.attributes[0].values,
         combination.capability.no_entry,
         combination.objective.start,
-        combination.objective.goal,
     ):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1

@@ -98,7 +98,11 @@ def test_several_starts_in_a_single_row_or_column() -> None:
             ),
             capability=replace(combination.capability, no_entry=one_of),
             objective=replace(
-                combination.objective, start=start, goal=one_of, rules=(), ends_after=Condition(at=one_of)
+                combination.objective,
+                start=start,
+                goal=Condition(at=one_of),
+                rules=(),
+                ends_after=Condition(at=one_of),
             ),
         )
         require_agreement(combination)
@@ -238,7 +242,13 @@ def test_every_action_stands_in_the_modules_that_know_it() -> None:
 def test_space_and_capability_are_the_same_for_all_objectives() -> None:
     graph = graph_combination()
     other = with_objective(
-        graph, name="p", rules=(), ends_in=None, unsafe=None, horizon=3, goal=graph.objective.start > 0
+        graph,
+        name="p",
+        rules=(),
+        ends_in=None,
+        unsafe=None,
+        horizon=3,
+        goal=Condition(at=graph.objective.start > 0),
     )
     texts = [
         render(combination).split("// objective") for combination in (graph, replace(other, name="e.c.p"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Combination
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.errors import ModelError
 from merap.families.index import family_index, index_kinds
@@ -75,7 +75,7 @@ def test_a_time_indexed_policy_takes_the_shortest_way() -> None:
 @pytest.mark.parametrize("form", ["whole", "index"])
 def test_a_step_that_ends_by_moving_shows_where_it_ends(form: str) -> None:
     # The task ends in the goal itself, which the canonical index folds away.
-    objective = replace(ONE_WAY.objective, ends_after=None, ends_in=Condition(at=ONE_WAY.objective.goal))
+    objective = replace(ONE_WAY.objective, ends_after=None, ends_in=ONE_WAY.objective.goal)
     combination = replace(ONE_WAY, objective=objective)
     mdp = model(combination, form)
     path = most_likely_path(mdp, combination, always_along_the_way(mdp), horizon=10)

@@ -14,10 +14,9 @@ Row = tuple[str, str, str, str, str]
 KEYS_AND_TYPES: list[Row] = [
     ("  horizon: 12", "  horzion: 12", "horzion", "objective.horzion", "unknown key 'horzion'; did you mean 'horizon'?"),
     ("  horizon: 12\n", "", "objective:", "objective", "key 'horizon' is missing"),
-    ("discount: 1\n", "", "case:", "", "key 'discount' is missing"),
-    ("horizon: 12", "horizon: soon", "horizon: soon", "objective.horizon", "expected a whole number, got 'soon'"),
-    ("horizon: 12", "horizon: 1.5", "horizon: 1.5", "objective.horizon", "expected a whole number, got 1.5"),
-    ("horizon: 12", "horizon: 0", "horizon: 0", "objective.horizon", "expected a number of at least 1, got 0"),
+    ("horizon: 12", "horizon: soon", "horizon: soon", "objective.horizon", "expected a number, or a parameter of type int; got 'soon'"),
+    ("horizon: 12", "horizon: 1.5", "horizon: 1.5", "objective.horizon", "expected a whole number from 1 to 1000000, or a parameter, got 1.5"),
+    ("horizon: 12", "horizon: 0", "horizon: 0", "objective.horizon", "or a parameter, got 0"),
     ("discount: 1\n", "discount: 1.5\n", "discount", "discount", "at most 1.0, got 1.5"),
     ("discount: 1\n", "discount: 0\n", "discount", "discount", "a number above 0.0, got 0"),
     ("discount: 1\n", "discount: .nan\n", "discount", "", ".nan is not a number"),

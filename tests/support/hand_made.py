@@ -92,7 +92,7 @@ def grid_combination(
             parameters={},
             start=start,
             horizon=2 * size,
-            goal=at_goal,
+            goal=Condition(at=at_goal),
             rules=(
                 RewardRule(Condition(at=at_goal, actions=frozenset({"stop"})), number(10)),
                 RewardRule(Condition(), number("-0.5")),
@@ -157,7 +157,7 @@ def graph_combination() -> DeclaredCombination:
         parameters={},
         start=np.array([0.25, 0.75, 0.0, 0.0]),
         horizon=12,
-        goal=at_goal,
+        goal=Condition(at=at_goal),
         rules=(
             RewardRule(
                 Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
@@ -213,7 +213,7 @@ HAND_MADE = {
     "no end": with_objective(graph_combination(), ends_in=None, ends_after=None),
     "complete at once": with_objective(graph_combination(), ends_in=Condition()),
     "no reward": with_objective(graph_combination(), rules=()),
-    "no goal": with_objective(graph_combination(), goal=np.zeros(4, dtype=np.bool_)),
+    "no goal": with_objective(graph_combination(), goal=None),
     "nothing innate": with_capability(graph_combination(), innate=None),
     "nothing external": with_capability(graph_combination(), external=()),
     "all blocked": with_environment(graph_combination(), blocked=np.array([False, False, True, True])),

@@ -40,7 +40,7 @@ def random_graph(size: int) -> Combination:
         objective=replace(
             graph.objective,
             start=start,
-            goal=goal,
+            goal=Condition(at=goal),
             rules=(
                 RewardRule(Condition(at=goal, actions=frozenset({"stop"})), number(20)),
                 RewardRule(Condition(where=parsed("light' = 0")), number(-2)),

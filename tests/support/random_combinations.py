@@ -93,7 +93,7 @@ def random_combination(seed: int) -> DeclaredCombination:
             parameters={},
             start=start,
             horizon=int(generator.integers(1, 13)),
-            goal=_mask(generator, space.num_locations, 0.4),
+            goal=Condition(at=_mask(generator, space.num_locations, 0.4)),
             rules=(),
             ends_after=None,
             ends_in=None,
