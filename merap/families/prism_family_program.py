@@ -82,6 +82,10 @@ def open_program(
             for process in model.program.processes
         ),
     )
+    watching = [process for process in program.processes if process.concern == "objective"]
+    program = replace(
+        program, monitors=frozenset(one.name for process in watching for one in process.variables)
+    )
     end = {END_ACTION: unique_name(f"{END_ACTION}_", program.actions)}
     program = renamed(program, actions=end)
     compiled = _Compiler(model, program, context)

@@ -66,4 +66,6 @@ def renamed(
         processes=tuple(map(of_process, changed.processes)),
         rewards=rewards,
         location=tuple(map(variable, program.location)),
+        monitors=frozenset(map(variable, program.monitors)),
+        flag=None if program.flag is None else variable(program.flag),
     )
