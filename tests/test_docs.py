@@ -1,4 +1,4 @@
-"""What README and docs show is run: Python blocks, `$ merap` lines, and the case file of the docs."""
+"""What README and docs show is run: Python blocks, `$ merap` lines, and the files that are named."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def blocks(path: Path, language: str) -> list[str]:
 def test_examples_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
-    for block in blocks(path, "yaml"):
-        if (name := re.match(r"# (\w+\.yaml)\n", block)) is not None:
+    for block in (one for language in ("yaml", "prism", "jinja") for one in blocks(path, language)):
+        if (name := re.match(r"(?:#|//|\{#) (\w+(?:\.\w+)+)( #\})?\n", block)) is not None:
             (tmp_path / name[1]).write_text(block, encoding="utf-8")
     for index, block in enumerate(blocks(path, "python")):
         program = tmp_path / f"example_{index}.py"

@@ -72,7 +72,7 @@ def node_steps(mdp: TabularMDP, nodes: Nodes) -> list[NodeStep]:
 def _chance(low: float, high: float) -> str:
     texts = f"{low:.3g}", f"{high:.3g}"
     if texts[0] != texts[1]:
-        return " to ".join(texts)
+        return "–".join(texts)
     return "" if texts[1] == "1" else texts[1]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, takewhile
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -13,7 +13,7 @@ from merap.concerns.combination import Combination
 from merap.errors import ModelError
 from merap.families.models import explored
 from merap.mdp.matching import match_rows
-from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL, GOAL_LABEL
 from merap.program.expressions import Constant
 from merap.program.form import Program
@@ -89,7 +89,8 @@ def most_likely_path(
     """Follow a policy from the likeliest start: always the likeliest action and outcome.
 
     An outcome that stays in the state is followed only if there is no other: a stationary
-    policy then simply tries again.
+    policy then simply tries again. Under a policy by time it is followed where it is the likeliest, for as
+    many steps as it takes on average to leave.
 
     Args:
         mdp: whose states and actions index the policy; completed states need none.
@@ -163,24 +164,22 @@ def _follow(whole: TabularMDP, policy: _Lookup, horizon: int) -> tuple[list[int]
             return states, actions, "open"
         here = states[-1]
         actions.append(policy.action(here, len(actions)))
-        states.append(_likeliest_successor(whole, here, actions[-1]))
+        waited = 0 if policy.stationary else sum(1 for _ in takewhile(here.__eq__, reversed(states)))
+        states.append(_likeliest_successor(whole, here, actions[-1], waited))
         if policy.stationary and states[-1] in states[:-1]:
             return states, actions, "loop"
     return states, actions, "completed"
 
 
-def _likeliest_successor(mdp: TabularMDP, state: int, action: int) -> int:
-    targets, prob = _successors(mdp, state, action)
-    leaving = targets != state
-    return int(targets[np.where(leaving, prob, 0).argmax()]) if leaving.any() else state
-
-
-def _successors(mdp: TabularMDP, state: int, action: int) -> tuple[Ints, Floats]:
-    """Return the successors of a choice and their probabilities."""
+def _likeliest_successor(mdp: TabularMDP, state: int, action: int, waited: int) -> int:
+    """Return where a step leads after so many steps in the state; 0: it is not stayed in."""
     first, end = mdp.state_to_choice[state : state + 2]
     choice = first + int(np.flatnonzero(mdp.choice_action[first:end] == action)[0])
     branches = slice(*mdp.choice_to_branch[choice : choice + 2])
-    return mdp.branch_target[branches], mdp.branch_prob[branches]
+    targets, prob = mdp.branch_target[branches], mdp.branch_prob[branches]
+    leaving = np.where(targets != state, prob, 0)
+    stays = leaving.sum() == 0 or (prob.max() > leaving.max() and 0 < waited < round(1 / leaving.sum()))
+    return state if stays else int(targets[leaving.argmax()])
 
 
 def _has_goal(program: Program) -> bool:

@@ -84,25 +84,25 @@ def test_what_is_drawn_together_is_told_apart_again(tmp_path: Path) -> None:
     down = {(str(load + 1), str(load)): ("any action: 0.3",) for load in range(4)}
     assert arrows(found["load (environment)"]) == up | down
     # from load 3 it is 0.1, from a lower load 0
-    assert arrows(found["seen (objective)"]) == {("never", "once"): ("any action: 0 to 0.1",)}
+    assert arrows(found["seen (objective)"]) == {("never", "once"): ("any action: 0–0.1",)}
 
 
 def test_the_middle_of_a_long_range_is_one_node(tmp_path: Path) -> None:
     count = diagrams_of(COUNTER, tmp_path)["count (capability)"]
     assert [node.text for node in count.nodes] == ["0", "1", "2", "3..17", "18", "19", "20"]
     assert [node.text for node in count.nodes if node.initial] == ["3..17"]
-    assert count.nodes[3].notes == ("up: 0 to 0.5 (within)", "down: 0 to 1 (within)")
+    assert count.nodes[3].notes == ("up: 0–0.5 (within)", "down: 0–1 (within)")
     assert count.nodes[6].notes == ("reset (from any)",)
     assert arrows(count) == {
         ("0", "1"): ("up: 0.25",),
         ("1", "2"): ("up: 0.25",),
         ("2", "3..17"): ("up: 0.25",),
-        ("3..17", "18"): ("up: 0 to 0.5",),
+        ("3..17", "18"): ("up: 0–0.5",),
         ("18", "19"): ("up: 0.5",),
         ("19", "20"): ("up: 0.5",),
         ("1", "0"): ("down",),
         ("2", "1"): ("down",),
-        ("3..17", "2"): ("down: 0 to 1",),
+        ("3..17", "2"): ("down: 0–1",),
         ("18", "3..17"): ("down",),
         ("19", "18"): ("down",),
         ("20", "19"): ("down",),
@@ -111,7 +111,7 @@ def test_the_middle_of_a_long_range_is_one_node(tmp_path: Path) -> None:
 
 def test_what_all_actions_do_and_what_all_but_one_do(tmp_path: Path) -> None:
     light = diagrams_of(COUNTER, tmp_path)["light (capability)"]
-    assert arrows(light)["false", "true"] == ("any action: 0 to 1",)
+    assert arrows(light)["false", "true"] == ("any action: 0–1",)
     but_wait = COUNTER.replace('{where: "count = 20"', "{action: [up, down, reset]").replace(
         "wait: {stay: 1}", "wait: {stay: 1}, a: {stay: 1}, b: {stay: 1}"
     )

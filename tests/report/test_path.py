@@ -158,6 +158,20 @@ def test_without_a_map_the_values_tell_the_way(tmp_path: Path) -> None:
     )
 
 
+def test_under_a_policy_by_time_waiting_takes_its_time(tmp_path: Path) -> None:
+    """In a calm the load rises from 0 with probability 0.1, so after ten steps on average."""
+    (tmp_path / "case.yaml").write_text(SERVICE, encoding="utf-8")
+    service = load_case(tmp_path).combination("calm.fast.thrift")
+    mdp = explored(service)
+    policy = np.repeat(always(mdp, "keep")[None], 30, axis=0)
+    path = most_likely_path(mdp, service, policy, 30)
+    # from load 1 something changes in 0.4 of the steps: 2.5 on average, down rather than up
+    assert path.text == (
+        "here, running=1, booting=0, load=1, seen=never [keep] [keep: load=0] [keep x9] [keep: load=1] "
+        "[keep] [keep: load=0] [keep x9] [keep: load=1] [keep] [keep: load=0] [keep x4] (not completed)"
+    )
+
+
 def test_a_policy_that_does_not_know_a_state_is_refused(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(SERVICE, encoding="utf-8")
     busier = load_case(tmp_path).combination("rush.fast.thrift")
