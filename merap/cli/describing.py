@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from merap.cli.output import counted, number, say, table
 from merap.concerns.case_study import CaseStudy, DeclaredCase
 from merap.concerns.combination import Combination, Configuration
+from merap.concerns.parameters import ParameterTypes
 from merap.concerns.supports import Support
 
 if TYPE_CHECKING:
@@ -35,17 +36,17 @@ def say_case(study: CaseStudy) -> None:
     """Print actions, discount, and the configurations of each concern with their parameters."""
     say(summary(study))
     say(f"actions: {', '.join(study.actions)}; discount {number(study.discount)}")
-    supports = study.supports
-    _say_support("environment", supports.environment)
-    _say_support("capability", supports.capability)
-    _say_support("objective", supports.objective)
+    supports, types = study.supports, study.read_system.context.parameters
+    _say_support("environment", types["environment"], supports.environment)
+    _say_support("capability", types["capability"], supports.capability)
+    _say_support("objective", types["objective"], supports.objective)
 
 
-def _say_support(concern: str, support: Support[Any]) -> None:
+def _say_support(concern: str, types: ParameterTypes, support: Support[Any]) -> None:
+    """Print a table: a configuration in each row, a parameter with its type in each column."""
     shown: list[Configuration] = list(islice(support, MOST_CONFIGURATIONS))
-    parameters = list(shown[0].parameters)
     table(
-        (concern, *parameters),
+        (concern, *(f"{name}: {types[name].text}" for name in shown[0].parameters)),
         ((one.name, *(value_text(value) for value in one.parameters.values())) for one in shown),
     )
     if support.count > len(shown):

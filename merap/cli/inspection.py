@@ -12,6 +12,7 @@ import typer
 from merap.cli import options
 from merap.cli.describing import say_case, say_decisions, say_system, summary
 from merap.cli.output import job, number, require_free_report, say, table, warn, write_json
+from merap.errors import InputError
 from merap.families.loading import load_case
 
 Weight = Annotated[float, typer.Option(min=0, max=1e9)]
@@ -65,27 +66,32 @@ def show(
     study = load_case(case)
     warn(study.warnings)
     shown = options.chosen_system(study, system)
-    say_case(study)
-    model = explored(shown)
-    say_system(shown, model)
-    policy, paths = None, []
+    if attribute is not None and out is None:
+        raise InputError("colours a picture; say by --out where to write it", source="--attribute")
+    model, horizon = explored(shown), shown.objective.horizon
+    policy, paths, told = None, [], None
     if optimum is not Optimum.none:
-        plan = backward_induction(model, shown.objective.horizon, shown.discount)
+        plan = backward_induction(model, horizon, shown.discount)
         best = as_policy(model, plan.actions)
-        say(f"optimum {number(plan.value)}")
         if optimum is Optimum.path:
-            paths = [most_likely_path(model, shown, best, shown.objective.horizon, label="optimal path")]
-            say(paths[0].text)
+            paths = [most_likely_path(model, shown, best, horizon, label="optimal path")]
         else:
-            policy = best[0]
-            say_decisions(decisions(shown.program, model, plan.actions[0]))
-    if out is None:
-        return
-    figure = draw_combination(
-        shown, attribute=attribute, policy=policy, paths=paths, title=f"{study.name}: {shown.name}"
-    )
-    for written in save_figure(figure, out, force=force):
-        say(f"wrote {written}")
+            policy, told = best[0], decisions(shown.program, model, plan.actions[0])
+    written: tuple[Path, ...] = ()
+    if out is not None:
+        title = f"{study.name}: {shown.name}"
+        figure = draw_combination(shown, attribute=attribute, policy=policy, paths=paths, title=title)
+        written = save_figure(figure, out, force=force)
+    say_case(study)
+    say_system(shown, model)
+    if optimum is not Optimum.none:
+        say(f"optimum {number(plan.value)}")
+    for path in paths:
+        say(path.text)
+    if told is not None:
+        say_decisions(told)
+    for file in written:
+        say(f"wrote {file}")
 
 
 def difference(

@@ -43,6 +43,15 @@ class ParameterType:
         return self.name
 
     @property
+    def text(self) -> str:
+        """Its name and domain, such as `int 0..3`."""
+        if self.bounds is not None:
+            return f"{self.name} {'..'.join(map(_number_text, self.bounds))}"
+        if self.values:
+            return ", ".join(self.value_names or [_number_text(Fraction(value)) for value in self.values])
+        return self.name
+
+    @property
     def value_names(self) -> tuple[str, ...]:
         """The names of its values, if they have names; they are numbered from 0 on."""
         return tuple(value for value in self.values if isinstance(value, str))

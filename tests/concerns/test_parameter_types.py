@@ -11,6 +11,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.parameter_types import parameter_type
 from merap.concerns.schema import case_schema
 from merap.errors import InputError
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
@@ -184,3 +185,18 @@ def test_choices_that_are_refused(tmp_path: Path, type_: str, choice: str, messa
         with_types(tmp_path, f"    p: {type_}\n", f"    generate: {{p: {choice}}}\n")
     assert message in caught.value.message
     assert (caught.value.key or "").startswith("objective.configurations.generate.p")
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("locations", "locations"),
+        ("real", "real"),
+        ({"int": (0, 3)}, "int 0..3"),
+        ({"probability": (0, 0.25)}, "probability 0..0.25"),
+        ({"values": ("low", "high")}, "low, high"),
+        ({"values": (1, 2.5)}, "1, 2.5"),
+    ],
+)
+def test_a_type_reads_as_its_name_and_domain(given: object, text: str) -> None:
+    assert parameter_type(given).text == text

@@ -14,6 +14,7 @@ from matplotlib.transforms import Bbox
 from merap.concerns.case_study import load_case
 from merap.families.models import explored
 from merap.report.diagrams import Arrow, Diagram, Node, process_diagrams
+from merap.report.map import draw_combination
 from merap.report.sheet import diagram_page
 from tests.support.process_cases import SERVICE
 
@@ -120,6 +121,17 @@ def test_what_all_actions_do_and_what_all_but_one_do(tmp_path: Path) -> None:
     )
     many = but_wait.replace("[up, down, reset]", "[up, down, reset, wait, a]")
     assert arrows(diagrams_of(many, tmp_path)["light (capability)"])["true", "false"] == ("any but b",)
+
+
+def test_a_case_without_a_map_is_drawn_by_its_processes(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(
+        SERVICE.replace("space:\n  locations: {here: [0, 0]}\n  edges: []\n", "").replace(
+            "  start: here\n", ""
+        )
+    )
+    figure = draw_combination(load_case(tmp_path).combination_at(0), title="load and servers")
+    assert [axes.get_gid() for axes in figure.axes] == ["diagram"] * 3
+    assert figure.texts[0].get_text() == "load and servers"
 
 
 def dense(generator: np.random.Generator) -> Diagram:
