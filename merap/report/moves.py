@@ -71,7 +71,7 @@ def likeliest_moves(combination: DeclaredCombination, mdp: TabularMDP, policy: F
         mean = sums / np.maximum(np.bincount(place[own], minlength=size), 1)[:, None]
         return Moves(intended[mean.argmax(axis=1)], np.where(closed, 0.0, mean.max(axis=1)))
 
-    terminal = np.flatnonzero(combination.capability.terminal(len(combination.modes)))
+    terminal = np.flatnonzero(combination.capability.terminal(max(len(combination.modes), 1)))
     initial = combination.capability.initial_mode
     return {one: in_mode(one) for one in sorted(terminal.tolist(), key=lambda one: (one != initial, one))}
 

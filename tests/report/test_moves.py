@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,9 +14,21 @@ from merap.errors import ModelError
 from merap.families.models import explored
 from merap.mdp.model import Floats, TabularMDP
 from merap.report.map import draw_map
+from merap.report.moves import likeliest_moves
 from tests.support.drawings import legend_of, named, only, polygons
 from tests.support.hand_made import cells, grid_combination
 from tests.support.paths import ROOT
+
+ROOMS = """\
+case: rooms
+space:
+  locations: {left: [0, 0], right: [4, 0]}
+  edges: [[left, right, east], [right, left, west]]
+  doors: {door: {between: [left, right], changes: [{set: [{value: "!door", probability: 0.5}, {otherwise: door}]}]}}
+environment: {}
+capability: {actions: {stop: {}, east: {move: east}, west: {move: west}}}
+objective: {start: left, horizon: 9, rewards: [{value: 1}]}
+"""  # noqa: E501
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +60,20 @@ def test_a_policy_is_an_arrow_per_location() -> None:
     np.testing.assert_allclose(tips[:, 1], tails[:, 1], atol=1e-12)
     np.testing.assert_allclose(staying.mean(axis=0), [2, -2])
     assert {"moves", "stays"} <= set(legend_of(figure))
+
+
+def test_what_a_policy_does_in_several_states_of_a_location_is_its_mean(tmp_path: Path) -> None:
+    """With the door open it goes through, with the door shut it stays: half of the states each."""
+    (tmp_path / "case.yaml").write_text(ROOMS, encoding="utf-8")
+    rooms = declared(load_case(tmp_path).combination_at(0))
+    mdp = explored(rooms)
+    is_open = mdp.valuations[:, mdp.variable_names.index("door")] == 1
+    policy = np.where(is_open[:, None], rows_of(mdp, east=1), rows_of(mdp, stop=0.4, east=0.6))
+    moves = likeliest_moves(rooms, mdp, policy)
+    assert list(moves) == [0]
+    np.testing.assert_allclose(moves[0].prob, 0.8)
+    shapes = polygons(draw_map(rooms, policy=policy).axes[0], "policy")
+    assert len(shapes) == 2
 
 
 def test_less_likely_moves_are_thinner_and_paler() -> None:
