@@ -94,7 +94,7 @@ def draw_policy(panel: Panel, mdp: TabularMDP, policy: Floats) -> list[Entry]:
     """
     combination = panel.combination
     found = likeliest_moves(combination, mdp, policy)
-    entries = [heading("Policy (paler: less likely)")]
+    entries = [heading("Policy (paler: less often)")]
     for slot, (mode, moves) in enumerate(found.items()):
         face = _FACES[slot % len(_FACES)]
         side = slot - (len(found) - 1) / 2
