@@ -7,18 +7,17 @@ from pathlib import Path
 import pytest
 
 from merap import load_case
-from merap.checker.combination_model import build_combination
 from merap.concerns.combination import Combination
+from merap.families.models import built, explored
 from merap.mdp.comparison import compare
-from merap.program.arrays import tabular
-from merap.program.exploration import explore
 from tests.support.case_enumeration import enumerate_case, read_case_file
 from tests.support.case_examples import GRAPH, GRID, write_case
 from tests.support.case_routes import of_arrays, of_enumeration
+from tests.support.feature_cases import FEATURES
 from tests.support.process_cases import SERVICE
 from tests.support.shipped_cases import DECLARED_CASE_FILES
 
-SMALL = {"a grid": GRID, "a graph": GRAPH, "a service": SERVICE}
+SMALL = FEATURES | {"a grid": GRID, "a graph": GRAPH, "a service": SERVICE}
 MEMBERS = 18  # at most, of each shipped case: an enumeration takes up to two seconds
 
 
@@ -31,12 +30,11 @@ def require_equal_routes(combination: Combination, source: Path) -> None:
     content = read_case_file(source)
     content["objective"] |= content.get("online", {}).get(combination.name, {})  # their start and horizon
     enumerated = enumerate_case(content, parameters)
-    program = combination.program
-    mdp = tabular(program, explore(program), reward="objective")
+    mdp = explored(combination)
     assert of_arrays(combination, mdp, enumerated.names) == of_enumeration(enumerated)
     assert combination.objective.horizon == enumerated.horizon
     assert combination.discount == enumerated.discount
-    compare(build_combination(combination).mdp, mdp).require_same()
+    compare(built(combination), mdp).require_same()
 
 
 @pytest.mark.parametrize("feature", SMALL)

@@ -1,0 +1,72 @@
+"""What can be learned on the systems of shipped cases: the best policies of other members lose there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import merap
+from merap.families.index import index_kinds
+from merap.families.models import explored
+from merap.mdp.evaluation import expected_return
+from merap.mdp.index import new_index
+from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.planning import backward_induction, optimum
+from tests.support.paths import MODELS
+
+CASES = (
+    "hospital",
+    "web-service",
+    "drone",
+    "families/radio.yaml",
+    "families/pump.yaml",
+)
+LEAST_LOSS = 0.1
+
+
+def enabled(model: TabularMDP) -> Floats:
+    """float64 [S, A], 1 where an action can be taken."""
+    mask = np.zeros((model.num_states, model.num_actions))
+    mask[model.choice_state, model.choice_action] = 1
+    return mask
+
+
+def uniform_policy(model: TabularMDP) -> Floats:
+    """float64 [S, A], every action that can be taken equally often."""
+    mask = enabled(model)
+    policy: Floats = mask / np.maximum(mask.sum(axis=1, keepdims=True), 1)
+    return policy
+
+
+def best_policy(member: TabularMDP, system: TabularMDP, horizon: int) -> Floats:
+    """float64 [T, S, A], what is best for a member; uniform where the system can't do it."""
+    actions = backward_induction(member, horizon).actions  # [T, S]
+    chosen = (actions[:, :, None] == np.arange(system.num_actions)) * enabled(system)
+    followed = chosen.sum(axis=2, keepdims=True) > 0
+    return np.where(followed, chosen, uniform_policy(system))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_the_best_policies_of_other_members_lose(name: str) -> None:
+    case = merap.load_case(MODELS / name)
+    members, systems = list(case.combinations()), list(case.systems.values())
+    names = tuple(kind.name for kind in index_kinds(one.program for one in (*members, *systems)))
+    wholes = [explored(one) for one in (*members, *systems)]
+    index = new_index(names, case.actions).extended(*wholes)
+    models = [index.place(whole) for whole in wholes]
+    assert set(case.systems) == {"covered", "met"}
+    for system, model in zip(systems, models[len(members) :], strict=True):
+        horizon = system.objective.horizon
+        best = optimum(model, horizon)
+        losses = [
+            best - expected_return(model, best_policy(other, model, horizon), horizon)
+            for member, other in zip(members, models, strict=False)
+            if any(
+                getattr(member, concern).parameters != getattr(system, concern).parameters
+                for concern in ("environment", "capability", "objective")
+            )
+        ]
+        assert len(losses) == len(members) - (system.name == "covered")
+        scale = best - expected_return(model, uniform_policy(model), horizon)
+        assert np.mean(losses) >= LEAST_LOSS * scale > 0, system.name
