@@ -42,7 +42,7 @@ def modelling_commands(case: Path, folder: Path) -> list[list[object]]:
 
 
 def learning_commands(case: Path, folder: Path) -> list[list[object]]:
-    """The other commands of the README, in an order in which they can be run; `serve` has a test of its own."""
+    """The other commands of the README, in an order that can be run; `serve` has a test of its own."""
     run, scenario = folder / "run", folder / "scenario.yaml"
     return [
         ["difference", case],
