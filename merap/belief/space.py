@@ -141,10 +141,12 @@ def hypothesis_space(
         noise: standard deviation of the Gaussian noise on rewards; None: it is estimated.
 
     Raises:
-        InputError: the tables would be too large, or an action has too many moves.
+        InputError: the tables would be too large, an action has too many moves, or concerns read each other.
     """
     declared = outside or Outside()
     supports = case.supports
+    if any(case.read_system.closing.foreign.values()):
+        raise InputError(f"{case.name}: the belief takes no case whose concerns read each other's parameters")
     environments, capabilities = list(supports.environment), list(supports.capability)
     attribute_class, attribute_members = _classes([id(one.attributes) for one in environments])
     capability_class, capability_members = _classes([_dynamics(one) for one in capabilities])

@@ -12,6 +12,7 @@ import typer
 from merap.cli import options
 from merap.cli.describing import say_case, say_decisions, say_system, summary
 from merap.cli.output import job, number, require_free_report, say, table, warn, write_json
+from merap.concerns.warnings import numbers_without_domain
 from merap.errors import InputError
 from merap.families.loading import load_case
 
@@ -30,6 +31,8 @@ def validate(case: options.Case) -> None:
     study = load_case(case)
     warn(study.warnings)
     say(summary(study))
+    for note in numbers_without_domain(study.read_system.context.parameters):
+        say(f"note: {note}")
 
 
 class Optimum(StrEnum):

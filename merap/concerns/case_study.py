@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from os import PathLike
@@ -13,14 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from merap.concerns.arguments import as_path, as_text
-from merap.concerns.checks import DistributionCheck
+from merap.concerns.checks import DistributionCheck, check_actions
 from merap.concerns.closing import Closing, foreign_names
 from merap.concerns.combination import (
-    Capability,
     Combination,
     Configuration,
     DeclaredCombination,
-    Environment,
     Objective,
 )
 from merap.concerns.document import Document, KeyPath
@@ -217,23 +215,20 @@ class DeclaredCase(CaseStudy):
     Attributes:
         space: the locations, attributes at their defaults.
         modes: Q names.
-        closing: puts in what a configuration reads of the others.
-        check_pair: refuses an environment and a capability that don't fit together.
     """
 
     space: Space
     modes: tuple[str, ...]
     supports: DeclaredSupports
     systems: Mapping[str, DeclaredCombination]
-    closing: Closing = field(repr=False)
-    check_pair: Callable[[Environment, Capability], None] = field(repr=False)
+    read_system: DeclaredSystemReader = field(repr=False)
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
         """See `CaseStudy`."""
-        supports = self.supports
-        pair = self.closing.pair(supports.environment[environment], supports.capability[capability])
-        wanted = self.closing.objective(supports.objective[objective], *pair)
-        self.check_pair(*pair)
+        supports, closing = self.supports, self.read_system.closing
+        pair = closing.pair(supports.environment[environment], supports.capability[capability])
+        wanted = closing.objective(supports.objective[objective], *pair)
+        self.read_system.check_pair(*pair)
         return DeclaredCombination(
             name=".".join(part.name for part in (*pair, wanted)),
             actions=self.actions,
@@ -279,6 +274,8 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
         closing=closing,
         check_pair=check_pair,
     )
+    systems = {name: read_system(name, system) for name, system in spec.online.items()}
+    check_actions(context, spec.capability.actions, supports.capability, systems.values())
     return DeclaredCase(
         name=spec.case,
         source=file,
@@ -288,13 +285,11 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
         actions=context.actions,
         discount=spec.discount,
         supports=supports,
-        systems={name: read_system(name, system) for name, system in spec.online.items()},
+        systems=systems,
         digest=digest(document),
         warnings=(
             *unused_parameters(spec, resolvers),
             *idle_rules(context, supports.capability, resolvers.objective),
         ),
-        closing=closing,
-        check_pair=check_pair,
         read_system=read_system,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,12 +14,16 @@ from merap.concerns.external_action import ExternalAction
 from merap.concerns.location_tables import location_scope
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.space import Attribute, Space
-from merap.concerns.supports import Configurations
+from merap.concerns.supports import Configurations, Support
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Column, Constant, Scope, evaluate, variables
+
+# Configurations of a concern that are resolved and checked when the case is loaded; the
+# remaining ones of a larger support are checked when they are asked for.
+CHECKED_AT_LOAD = 1000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,6 +127,35 @@ def _scope(space: Space, attributes: tuple[Attribute, ...], here: Ints, there: I
         scope[attribute.name] = attribute.column[here]
         scope[f"{attribute.name}'"] = attribute.column[there]
     return scope
+
+
+def check_actions(
+    context: ResolutionContext,
+    actions: Iterable[str],
+    support: Support[Capability],
+    systems: Iterable[DeclaredCombination],
+) -> None:
+    """Refuse external actions that no capability has, if there are few enough to look at all.
+
+    Args:
+        context: what the case has in common.
+        actions: names of the external actions.
+        support: the capabilities.
+        systems: that are met online.
+
+    Raises:
+        InputError: names the first such action.
+    """
+    if support.count > CHECKED_AT_LOAD:
+        return
+    capabilities = (*support, *(system.capability for system in systems))
+    had = {action.name for capability in capabilities for action in capability.external}
+    for name in actions:
+        if name not in had:
+            raise context.document.error(
+                ("capability", "actions", name, "requires"),
+                f"nobody has the action {name}: no configuration and no online system makes requires true",
+            )
 
 
 def check_starts(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from merap.concerns.checks import DistributionCheck, check_starts
+from merap.concerns.checks import CHECKED_AT_LOAD, DistributionCheck, check_starts
 from merap.concerns.closing import Closing
 from merap.concerns.configurations import read_configurations
 from merap.concerns.document import Document
@@ -31,9 +31,6 @@ from merap.mdp.model import Bools
 from merap.mdp.reserved_names import GOAL_LABEL
 
 CASE_FILE = "case.yaml"
-# Configurations of a concern that are resolved and checked when the case is loaded; the
-# remaining ones of a larger support are checked when they are asked for.
-CHECKED_AT_LOAD = 1000
 CHECKED_PAIRS = 10_000
 REMEMBERED_CELLS = 50_000_000
 

@@ -25,9 +25,9 @@ def beyond_places_and_modes(combination: Combination) -> str | None:
         return "it is PRISM text"
     if not combination.space.variable_names:
         return "it has no space"
-    changing = [*combination.space.doors, *combination.processes]
+    changing = [one.name for one in combination.space.doors] + [one.name for one in combination.processes]
     if changing:
-        return f"{changing[0].name} changes beside location and mode"
+        return f"{changing[0]} changes beside location and mode"
     asking = [action.name for action in combination.capability.external if action.requires != TRUE]
     return f"action {asking[0]} requires something of the state" if asking else None
 

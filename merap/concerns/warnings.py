@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 
 from merap.concerns.combination import Capability
 from merap.concerns.document import KeyPath, key_text
 from merap.concerns.expression_names import CONCERNS
-from merap.concerns.parameters import parameter_name
+from merap.concerns.parameters import ParameterTypes, parameter_name
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_objective import PredicateSpec
 from merap.concerns.supports import Support
+from merap.program.form import ConcernName
 
 # Capabilities of a large support that are looked at for what they lack.
 LOOKED_AT = 1000
@@ -28,6 +29,17 @@ def unused_parameters(spec: CaseSpec, resolvers: Resolvers) -> Iterator[str]:
         for name in getattr(spec, concern).parameters:
             if parameter_name(concern, name) not in read:
                 yield f"{concern}.parameters.{name}: nothing reads this parameter"
+
+
+def numbers_without_domain(parameters: Mapping[ConcernName, ParameterTypes]) -> Iterator[str]:
+    """A sentence for every number of which nothing but the values of the support can be supposed."""
+    for concern, types in parameters.items():
+        for name, of in types.items():
+            if of.is_open:
+                yield (
+                    f"{concern}.parameters.{name}: without a domain only the values of the support are "
+                    f"hypotheses; give one as {{{of}: [least, greatest]}}"
+                )
 
 
 def idle_rules(

@@ -10,8 +10,9 @@ from merap.belief.outside import Outside
 from merap.belief.posterior import weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import load_case
+from merap.errors import InputError
 from tests.support.belief_routes import STRIP, inferred, log_likelihood, trajectory
-from tests.support.case_examples import write_case
+from tests.support.case_examples import GRAPH, replaced, write_case
 from tests.support.paths import MODELS
 
 RUNNING = (MODELS / "running-example" / "case.yaml").read_text(encoding="utf-8")
@@ -88,3 +89,9 @@ def test_worse_motors_than_any_in_the_base_are_noticed(tmp_path: Path) -> None:
     kinds = weights(inferred(case, space, seen))[0].sum(axis=(0, 1))
     assert kinds[0] < 1e-6
     assert kinds[[number for number, one in enumerate(space.outcome_names) if "focus" in one]].sum() > 0.99
+
+
+def test_concerns_that_read_each_other_are_refused(tmp_path: Path) -> None:
+    case = load_case(write_case(tmp_path, replaced(GRAPH, "{value: -1}", "{value: -lamp}")))
+    with pytest.raises(InputError, match="takes no case whose concerns read each other's parameters"):
+        hypothesis_space(case)

@@ -105,7 +105,12 @@ def test_a_case_without_the_system_met_takes_another_one(tmp_path: Path) -> None
 
 
 def test_counts_agree_with_their_nouns() -> None:
-    assert merap("validate", LAKE).stdout == (
+    counts, note = merap("validate", LAKE).stdout.splitlines()
+    assert counts == (
         "frozen_lake: 16 locations, 4 actions; 30 combinations of 15 x 2 x 1 configurations; "
-        "online systems: met\n"
+        "online systems: met"
+    )
+    assert note == (
+        "note: capability.parameters.grip: without a domain only the values of the support are hypotheses; "
+        "give one as {probability: [least, greatest]}"
     )

@@ -14,10 +14,12 @@ from tests.support.case_enumeration import enumerate_case, read_case_file
 from tests.support.case_examples import GRAPH, GRID, write_case
 from tests.support.case_routes import of_arrays, of_enumeration
 from tests.support.feature_cases import FEATURES
+from tests.support.objective_cases import COURIER, PUMP
 from tests.support.process_cases import SERVICE
 from tests.support.shipped_cases import DECLARED_CASE_FILES
 
-SMALL = FEATURES | {"a grid": GRID, "a graph": GRAPH, "a service": SERVICE}
+OWN = {"a grid": GRID, "a graph": GRAPH, "a service": SERVICE, "a pump": PUMP, "a courier": COURIER}
+SMALL = FEATURES | OWN
 MEMBERS = 18  # at most, of each shipped case: an enumeration takes up to two seconds
 
 
@@ -40,7 +42,8 @@ def require_equal_routes(combination: Combination, source: Path) -> None:
 @pytest.mark.parametrize("feature", SMALL)
 def test_small_cases(feature: str, tmp_path: Path) -> None:
     path = write_case(tmp_path, SMALL[feature])
-    for combination in load_case(path).combinations():
+    case = load_case(path)
+    for combination in (*case.combinations(), *case.systems.values()):
         require_equal_routes(combination, path)
 
 

@@ -9,53 +9,12 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.errors import InputError
+from merap.errors import InputError, ModelError
 from merap.mdp.model import TabularMDP
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from tests.support.case_examples import replaced, write_case
-
-# Every concern reads the others: `rate` is a parameter of two of them.
-PUMP = """\
-case: pump
-discount: 1
-space: {locations: {here: [0, 0]}, edges: []}
-environment:
-  parameters: {rate: {probability: [0, 1]}, shade: {values: [dark, light]}}
-  processes:
-    level:
-      range: [0, 3]
-      initial: size
-      changes:
-        - {action: drain, set: "max(level - 1, 0)"}
-        - set: [{value: "min(level + 1, size)", probability: rate}, {otherwise: level}]
-  configurations:
-    dry: {rate: 0.25, shade: dark}
-    wet: {rate: 0.5, shade: light}
-capability:
-  parameters: {rate: {probability: [0, 1]}, size: {int: [1, 3]}}
-  actions:
-    rest: {stay: 1}
-    drain: {stay: 1, requires: "shade = light & level > 0"}
-  processes:
-    wear:
-      values: [new, worn, broken]
-      initial: new
-      changes:
-        - where: "wear = new"
-          set: [{value: worn, probability: "rate * environment.rate"}, {otherwise: "wear"}]
-  configurations:
-    small: {rate: 0.5, size: 1}
-    large: {rate: 1, size: 3}
-objective:
-  parameters: {price: {real: [0, 9]}}
-  start: here
-  horizon: 4
-  rewards:
-    - {where: "wear = worn", value: "-price * size"}
-    - {value: "level * environment.rate"}
-  configurations: {cheap: {price: 2}}
-"""
+from tests.support.objective_cases import PUMP
 
 
 @pytest.fixture
@@ -171,3 +130,26 @@ def test_two_variables_may_number_one_name_differently(tmp_path: Path) -> None:
     (_, drain) = case.combination("wet.small.cheap").capability.external
     assert outcomes(case, "wet.small.cheap", (1, 1), "drain") == {(0, 1): 1.0}
     assert drain.name == "drain"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'value: "min(level + 1, size)"',
+            'value: "level + size"',
+            r"\[rest\] of level makes level 4, allowed is 0..3, in state",
+        ),
+        (
+            "{otherwise: level}",
+            '{value: level, probability: "0.9 - rate"}',
+            r"wet.large.cheap: the probabilities of \[rest\] of level sum to 0.9, not 1, in state \(.*level=",
+        ),
+    ],
+)
+def test_what_only_states_show_names_member_and_state(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    case = load_case(write_case(tmp_path, replaced(PUMP, old, new)))
+    with pytest.raises(ModelError, match=message):
+        built(case, "wet.large.cheap")
