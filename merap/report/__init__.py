@@ -1,4 +1,4 @@
-"""Draw maps with policies and paths, adaptation curves and timelines.
+"""Draw maps with policies and paths, processes as state diagrams, adaptation curves and timelines.
 
 `__init__.pyi` lists the public names, which are imported when first used.
 """

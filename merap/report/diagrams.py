@@ -119,7 +119,7 @@ def _diagram(title: str, mdp: TabularMDP, nodes: Nodes) -> Diagram:
     return Diagram(
         title,
         tuple(
-            Node(text, tuple(_notes(place, steps, entering, known[place])), place in initial)
+            Node(text, tuple(_notes(place, steps, entering, known)), place in initial)
             for place, text in enumerate(nodes.texts)
         ),
         tuple(arrows),
@@ -136,13 +136,15 @@ def _entering(steps: Sequence[NodeStep], num_nodes: int) -> set[NodeStep]:
 
 
 def _notes(
-    place: int, steps: Sequence[NodeStep], entering: set[NodeStep], known: frozenset[str]
+    place: int, steps: Sequence[NodeStep], entering: set[NodeStep], known: Sequence[frozenset[str]]
 ) -> Iterator[str]:
+    """Yield the lines of a node; `known` are the actions that are enabled in each node."""
     arriving = {
         (step.action, step.chance): step for step in steps if step.target == place and step in entering
     }
-    for line in lines_of(list(arriving.values()), ()):
+    elsewhere = frozenset().union(*known[:place], *known[place + 1 :])
+    for line in lines_of(list(arriving.values()), elsewhere):
         yield f"{line} (from any)"
     within = [step for step in steps if step.source == step.target == place]
-    for line in lines_of(within, known):
+    for line in lines_of(within, known[place]):
         yield f"{line} (within)"

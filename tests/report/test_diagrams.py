@@ -110,6 +110,12 @@ def test_the_middle_of_a_long_range_is_one_node(tmp_path: Path) -> None:
     }
 
 
+def test_several_actions_may_lead_to_a_node_from_any_other(tmp_path: Path) -> None:
+    text = COUNTER.replace("action: reset", "action: [reset, wait]")
+    count = diagrams_of(text, tmp_path)["count (capability)"]
+    assert count.nodes[6].notes == ("reset, wait (from any)",)
+
+
 def test_what_all_actions_do_and_what_all_but_one_do(tmp_path: Path) -> None:
     light = diagrams_of(COUNTER, tmp_path)["light (capability)"]
     assert arrows(light)["false", "true"] == ("any action: 0–1",)
