@@ -31,7 +31,7 @@ from merap.concerns.space import Space
 from merap.concerns.supports import DeclaredSupports, Supports
 from merap.concerns.systems import DeclaredSystemReader, SystemReader
 from merap.concerns.vocabulary import action_names, check_vocabulary, declared_variables, mode_names
-from merap.concerns.warnings import idle_rules, unused_parameters
+from merap.concerns.warnings import hidden_words, idle_rules, unused_parameters
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.names import suggestion
@@ -288,6 +288,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
         systems=systems,
         digest=digest(document),
         warnings=(
+            *hidden_words(context),
             *unused_parameters(spec, resolvers),
             *idle_rules(context, supports.capability, resolvers.objective),
         ),

@@ -42,6 +42,7 @@ from merap.program.form import (
     boolean,
     integer,
 )
+from merap.program.names import unique_name
 
 if TYPE_CHECKING:
     from merap.concerns.combination import Condition, DeclaredCombination
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
     from merap.concerns.innate import InnateAction
 
 ONE = Constant(Fraction(1))
-SHIFT = "shift"
 
 
 def compose(combination: DeclaredCombination) -> Program:
@@ -62,8 +62,13 @@ def compose(combination: DeclaredCombination) -> Program:
         if condition is not None:
             labels[name] = tables.holds(condition)
     labels |= {name: tables.read(where) for name, where in objective.labels.items()}
+    processes = combination.processes
+    taken = {*combination.actions, *(one.name for one in processes)}
+    taken |= {variable.name for one in processes for variable in one.variables}
     rewards = {
-        "objective": RewardStructure(tuple(_rules(combination, tables)), first_match=True, shift=SHIFT),
+        "objective": RewardStructure(
+            tuple(_rules(combination, tables)), first_match=True, shift=unique_name("shift", taken)
+        ),
         "steps": RewardStructure((RewardItem(ONE, _not(complete)),)),
     }
     return Program(

@@ -10,6 +10,7 @@ from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import STEP
 from merap.concerns.parameters import Values, constants, parameter_name, present_all
+from merap.concerns.reserved_words import check_label_name
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_conditions import Labels, resolve_condition
 from merap.concerns.resolve_processes import ProcessResolver, process_entries
@@ -19,7 +20,7 @@ from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.program.expressions import Constants, Expression, fold
-from merap.program.names import check_emitted_name, check_name, suggestion
+from merap.program.names import check_name, suggestion
 
 START = ("objective", "start")
 
@@ -172,7 +173,7 @@ def _label_specs(context: ResolutionContext, spec: ObjectiveSpec) -> dict[str, t
     for name, where in spec.labels.items():
         path = ("objective", "labels", name)
         with context.document.at(*path):
-            check_emitted_name(name, "a label")
+            check_label_name(name)
         text = where if isinstance(where, str) else str(where).lower()
         specs[name] = path, PredicateSpec(where=text)
     goal = spec.goal

@@ -10,19 +10,14 @@ import numpy as np
 
 from merap.concerns.document import Document, KeyPath
 from merap.concerns.parameters import find_location, find_locations
+from merap.concerns.reserved_words import check_readable_name
 from merap.concerns.schema_base import LocationSet, Setting, is_number, shown
 from merap.concerns.schema_capability import STAY
 from merap.concerns.schema_space import AttributeSpec, DoorSpec, GridSpec, SpaceSpec
 from merap.concerns.space import NO_SPACE, Attribute, Detector, Door, Space
 from merap.errors import InputError
 from merap.mdp.model import Floats, Ints
-from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.names import check_name, suggestion
-
-# Words that belong to the syntax of expressions.
-_EXPRESSION_WORDS = frozenset(
-    {MODE_VARIABLE, "true", "false", "min", "max", "floor", "ceil", "pow", "mod", "log"}
-)
 
 _DEFAULT_RANGES = {"bool": (0.0, 1.0), "int": (-np.inf, np.inf), "real": (-np.inf, np.inf)}
 
@@ -156,9 +151,7 @@ def _bare(
 def _attribute(document: Document, space: Space, name: str, spec: AttributeSpec) -> Attribute:
     path = ("space", "attributes", name)
     with document.at(*path):
-        check_name(name, "an attribute")
-        if name in _EXPRESSION_WORDS:
-            raise InputError(f"illegal name {name!r} of an attribute: expressions use it")
+        check_readable_name(name, "an attribute")
     assert spec.type is not None
     low, high = spec.range or _DEFAULT_RANGES[spec.type]
     default = False if spec.type == "bool" and spec.default is None else spec.default

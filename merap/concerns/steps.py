@@ -25,7 +25,7 @@ def beyond_places_and_modes(combination: Combination) -> str | None:
         return "it is PRISM text"
     if not combination.space.variable_names:
         return "it has no space"
-    changing = [one.name for one in combination.space.doors] + [one.name for one in combination.processes]
+    changing = [one.name for one in combination.processes]
     if changing:
         return f"{changing[0]} changes beside location and mode"
     asking = [action.name for action in combination.capability.external if action.requires != TRUE]

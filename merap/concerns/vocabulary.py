@@ -8,6 +8,7 @@ from merap.concerns.document import Document, KeyPath
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.parameter_types import SPATIAL, TypeName
 from merap.concerns.parameters import ParameterTypes
+from merap.concerns.reserved_words import check_action_name, check_readable_name, check_variable_name
 from merap.concerns.resolve_processes import process_entries
 from merap.concerns.schema import CapabilitySpec, CaseSpec
 from merap.concerns.schema_capability import restarts
@@ -15,7 +16,7 @@ from merap.concerns.space import Space
 from merap.errors import InputError
 from merap.mdp.reserved_names import GOAL_LABEL, MODE_VARIABLE
 from merap.program.form import ConcernName, StateVariable
-from merap.program.names import check_emitted_name, check_name
+from merap.program.names import check_name
 
 READY = "ready"
 _MEANINGS: Mapping[str, Mapping[str, tuple[TypeName, ...]]] = {
@@ -82,7 +83,7 @@ def declared_variables(
     for concern in CONCERNS:
         for entry in process_entries(spec, concern):
             with document.at(*entry.path):
-                check_emitted_name(entry.name, "a process")
+                check_variable_name(entry.name, "a process")
                 if entry.name in processes:
                     owner = processes[entry.name]
                     raise InputError(f"duplicate name {entry.name!r}: {owner} has a process of that name")
@@ -95,7 +96,7 @@ def declared_variables(
 
 def _check_variable(variable: StateVariable, known: dict[str, str]) -> None:
     """Refuse a variable whose name or values stand for something else; add them to what is known."""
-    check_emitted_name(variable.name, "a variable")
+    check_variable_name(variable.name, "a variable")
     if variable.name in known:
         raise InputError(f"duplicate name {variable.name!r}: it is {known[variable.name]} and a variable")
     known[variable.name] = "a variable"
@@ -111,7 +112,7 @@ def _check_capability(document: Document, spec: CapabilitySpec) -> None:
     seen: dict[str, str] = {}
     for path, name, what in _capability_names(spec):
         with document.at(*path):
-            check_emitted_name(name, what)
+            check_action_name(name, what)
             if name in seen:
                 raise InputError(f"duplicate name {name!r}: it is {seen[name]} and {what}")
         seen[name] = what
@@ -125,13 +126,15 @@ def _capability_names(spec: CapabilitySpec) -> Iterator[tuple[KeyPath, str, str]
     if spec.innate is not None:
         for name in spec.innate.actions:
             yield ("capability", "innate", "actions", name), name, "an innate action"
-        yield ("capability", "innate", "name"), spec.innate.name, "the automaton"
+        path = ("capability", "innate", "name")
+        yield path, spec.innate.name, "the automaton"
+        yield path, f"start_{spec.innate.name}", "the action that enters the automaton"
 
 
 def _check_modes(document: Document, modes: tuple[str, ...]) -> None:
     for index, name in enumerate(modes):
         with document.at("capability", "innate", "modes", index):
-            check_emitted_name(name, "a mode")
+            check_readable_name(name, "a mode")
             if name in modes[:index]:
                 raise InputError(f"duplicate name {name!r}: the mode stands twice")
 

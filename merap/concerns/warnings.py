@@ -8,12 +8,14 @@ from itertools import islice
 from merap.concerns.combination import Capability
 from merap.concerns.document import KeyPath, key_text
 from merap.concerns.expression_names import CONCERNS
+from merap.concerns.location_words import WORDS as LOCATION_WORDS
 from merap.concerns.parameters import ParameterTypes, parameter_name
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_objective import ObjectiveResolver
 from merap.concerns.resolvers import Resolvers
 from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_objective import PredicateSpec
+from merap.concerns.schema_processes import ANY
 from merap.concerns.supports import Support
 from merap.program.form import ConcernName
 
@@ -40,6 +42,18 @@ def numbers_without_domain(parameters: Mapping[ConcernName, ParameterTypes]) -> 
                     f"{concern}.parameters.{name}: without a domain only the values of the support are "
                     f"hypotheses; give one as {{{of}: [least, greatest]}}"
                 )
+
+
+def hidden_words(context: ResolutionContext) -> Iterator[str]:
+    """A sentence for every declared name that is a word of the case language: the declaration wins."""
+    named = [(f"space.attributes.{one.name}", one.name) for one in context.space.attributes]
+    named += [(f"{one}.parameters.{name}", name) for one, own in context.parameters.items() for name in own]
+    named += [(f"capability.innate.modes.{name}", name) for name in context.modes]
+    for place, name in named:
+        if name in LOCATION_WORDS:
+            yield f"{place}: {name!r} is a word of the case language; expressions read what is declared"
+    if ANY in context.actions:
+        yield f"capability.actions.{ANY}: changes with action: {ANY} happen with this action alone"
 
 
 def idle_rules(

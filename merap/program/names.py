@@ -41,15 +41,6 @@ STORM_KEYWORDS = _words(
 
 KEYWORDS = PRISM_GAMES_KEYWORDS | STORM_KEYWORDS
 
-# Names that the PRISM text of a combination declares by itself.
-RESERVED = _words(
-    """
-    end done complete goal unsafe deadlock out_of_bounds row col loc mode shift space environment
-    capability objective objective_shifted steps
-    """
-)
-RESERVED_PREFIXES = ("start_", "open_", "pay_", "attribute_", "row_", "col_", "loc_")
-
 
 def check_name(name: str, what: str) -> None:
     """Refuse a name that is no identifier.
@@ -65,21 +56,6 @@ def check_name(name: str, what: str) -> None:
         raise InputError(
             f"the name of {what} has {len(name)} characters, at most {MAX_NAME_LENGTH} are allowed"
         )
-
-
-def check_emitted_name(name: str, what: str) -> None:
-    """Refuse a name that can't stand in PRISM text as it is.
-
-    Raises:
-        InputError: it is no identifier, a keyword of Storm or PRISM-games, or reserved.
-    """
-    check_name(name, what)
-    if name in KEYWORDS:
-        raise InputError(f"illegal name {name!r} of {what}: it is a keyword of Storm or PRISM-games")
-    if name in RESERVED or name.startswith(RESERVED_PREFIXES):
-        prefixes = ", ".join(f"{prefix}*" for prefix in RESERVED_PREFIXES)
-        reserved = ", ".join(sorted(RESERVED))
-        raise InputError(f"illegal name {name!r} of {what}: {reserved} and {prefixes} are reserved")
 
 
 def unique_name(name: str, taken: Collection[str]) -> str:

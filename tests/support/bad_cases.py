@@ -53,11 +53,9 @@ SPACE: list[Row] = [
 ]
 
 NAMES: list[Row] = [
-    ("    north: {move", "    deadlock: {move", "deadlock", "capability.actions.deadlock", "are reserved"),
-    ("    north: {move", "    start_up: {move", "start_up", "capability.actions.start_up", "are reserved"),
-    ("    north: {move", "    end: {move", "end: {", "capability.actions.end", "are reserved"),
-    ("    north: {move", "    system: {move", "system", "capability.actions.system", "keyword of Storm or PRISM-games"),
-    ("    north: {move", "    G: {move", "G: {", "capability.actions.G", "keyword"),
+    ("    north: {move", "    start_scan: {move", "name: scan", "capability.innate.name", "duplicate name 'start_scan'"),
+    ("    north: {move", "    end: {move", "end: {", "capability.actions.end", "it is the action of complete states"),
+    ("    north: {move", "    n-e: {move", "n-e: {", "capability.actions.n-e", "illegal name 'n-e' of an external action"),
     ("    north: {move", "    measure: {move", "measure: {sca", "innate.actions.measure", "duplicate name 'measure'"),
     ("    name: scan", "    name: 1x", "name: 1x", "capability.innate.name", "illegal name '1x' of the automaton"),
     ("    name: scan", "    name: east", "name: east", "capability.innate.name", "duplicate name 'east'"),

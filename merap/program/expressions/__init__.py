@@ -15,6 +15,7 @@ from merap.program.expressions.columns import (
     exact,
 )
 from merap.program.expressions.folding import fold
+from merap.program.expressions.grammar import ARITIES
 from merap.program.expressions.parsing import check, parse
 from merap.program.expressions.text import render, render_constant
 from merap.program.expressions.tree import (
@@ -40,6 +41,7 @@ from merap.program.expressions.values import (
 )
 
 __all__ = [
+    "ARITIES",
     "IN",
     "Column",
     "Columns",
