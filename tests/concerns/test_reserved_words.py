@@ -76,13 +76,13 @@ def test_no_variable_is_called_as_a_word(tmp_path: Path, name: str) -> None:
     with pytest.raises(
         InputError, match=f"illegal name '{name}' of a process: it is a word of the case language"
     ):
-        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    {name}: {{")))
+        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
 
 
 @pytest.mark.parametrize("name", ["done", "loc", "space", "capability", "objective"])
 def test_no_variable_is_called_as_one_of_every_model(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=f"illegal name '{name}' of a process: every model has one"):
-        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    {name}: {{")))
+        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
 
 
 def test_a_declared_name_that_is_a_word_warns(tmp_path: Path) -> None:
@@ -92,7 +92,6 @@ def test_a_declared_name_that_is_a_word_warns(tmp_path: Path) -> None:
     text = replaced(text, "value: -0.5", 'value: "moved + row"').replace(
         "{goal: [2, 2]}", "{goal: [2, 2], moved: 1}"
     )
-    assert load_case(write_case(tmp_path, text)).warnings == (
-        "space.attributes.row: 'row' is a word of the case language; expressions read what is declared",
-        "objective.parameters.moved: 'moved' is a word of the case language; expressions read what is declared",
-    )
+    why = "is a word of the case language; expressions read what is declared"
+    expected = f"space.attributes.row: 'row' {why}", f"objective.parameters.moved: 'moved' {why}"
+    assert load_case(write_case(tmp_path, text)).warnings == expected
