@@ -17,6 +17,7 @@ from merap.concerns.combination import (
 )
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.external_action import ExternalAction
+from merap.concerns.innate import Innate
 from merap.concerns.processes import DeclaredProcess
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
@@ -26,6 +27,7 @@ from merap.program.form import ConcernName
 Change = Callable[[Expression], Expression]
 Part = TypeVar("Part", bound=Configuration)
 NOUGHT = Constant(Fraction(0))
+NEVER = Constant(False)
 # Closed configurations that are remembered.
 CAPACITY = 10_000
 
@@ -115,7 +117,7 @@ def possible(actions: Iterable[ExternalAction]) -> Iterator[ExternalAction]:
     The first outcome says what is intended, so it stays even if it is impossible.
     """
     for action in actions:
-        if action.requires != Constant(False):
+        if action.requires != NEVER:
             likely = (one for one in action.outcomes[1:] if one.probability != NOUGHT)
             yield replace(action, outcomes=(action.outcomes[0], *likely))
 
@@ -139,8 +141,15 @@ def _capability(capability: Capability, change: Change) -> Capability:
     return replace(
         capability,
         external=tuple(possible(actions)),
+        innate=_innate(capability.innate, change),
         processes=_processes(capability.processes, change),
     )
+
+
+def _innate(innate: Innate | None, change: Change) -> Innate | None:
+    """Close an automaton; it is lacking where it requires what never holds."""
+    requires = NEVER if innate is None else change(innate.requires)
+    return None if innate is None or requires == NEVER else replace(innate, requires=requires)
 
 
 def _objective(objective: DeclaredObjective, change: Change) -> DeclaredObjective:

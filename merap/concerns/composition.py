@@ -211,9 +211,11 @@ def _capability(combination: DeclaredCombination, tables: LocationTables) -> Pro
     ]
     if capability.innate is not None:
         innate = capability.innate
-        commands += [command for action in innate.actions for command in _innate(action)]
+        requires = tables.read(innate.requires)
+        commands += [command for action in innate.actions for command in _innate(action, requires)]
         if innate.restart:
-            commands.append(_command(innate.start_action, terminal, _to_mode(ONE, innate.entry)))
+            guard = all_of([terminal, requires])
+            commands.append(_command(innate.start_action, guard, _to_mode(ONE, innate.entry)))
     return Process(
         "capability",
         "capability",
@@ -224,10 +226,10 @@ def _capability(combination: DeclaredCombination, tables: LocationTables) -> Pro
     )
 
 
-def _innate(action: InnateAction) -> Iterator[Command]:
+def _innate(action: InnateAction, requires: Expression) -> Iterator[Command]:
     for mode, row in action.transitions.items():
         outcomes = [_to_mode(Constant(chance), successor) for successor, chance in row.items() if chance]
-        yield _command(action.name, is_mode(mode), *outcomes)
+        yield _command(action.name, all_of([is_mode(mode), requires]), *outcomes)
 
 
 def _to_mode(chance: Expression, mode: int) -> Update:

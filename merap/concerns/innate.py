@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from merap.mdp.short_repr import ShortRepr
+from merap.program.expressions import Expression
+from merap.program.form import TRUE
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,6 +30,7 @@ class Innate(ShortRepr):
         terminal: F, the modes in which external actions are possible.
         restart: whether `start_<name>` exists.
         actions: in declared order.
+        requires: condition on the state: where it does not hold none of its actions is enabled.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Innate(ShortRepr):
     terminal: frozenset[int]
     restart: bool
     actions: tuple[InnateAction, ...]
+    requires: Expression = TRUE
 
     @property
     def start_action(self) -> str:

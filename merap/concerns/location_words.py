@@ -80,9 +80,9 @@ class LocationWords(ShortRepr):
         if needed in self.kinds:
             return
         if not self.space.located:
-            raise InputError(f"{said!r} at column {column} speaks of locations, and the case has no space")
+            raise InputError(f"{said!r}{_column(column)} speaks of locations, and the case has no space")
         why = "where a step leads is not known" if self.here else "the location is not known"
-        raise InputError(f"{said!r} at column {column} can't be read here: {why}")
+        raise InputError(f"{said!r}{_column(column)} can't be read here: {why}")
 
     def membership(self, said: Operation, held: Callable[[Variable], Variable | None]) -> Expression:
         """Return what `at(..)` or `at'(..)` means: being at one of some locations.
@@ -117,9 +117,13 @@ class LocationWords(ShortRepr):
     def _named(self, place: Variable) -> int:
         if place.name not in self.space.location_index:
             near = suggestion(place.name, self.space.locations)
-            column = f" at column {place.column}" if place.column else ""
-            raise InputError(f"unknown location {place.name!r}{column}{near}")
+            raise InputError(f"unknown location {place.name!r}{_column(place.column)}{near}")
         return self.space.location_index[place.name]
+
+
+def _column(number: int) -> str:
+    """Return where a word stands in an expression; 0: it stands in none."""
+    return f" at column {number}" if number else ""
 
 
 def _text(place: Expression) -> str:

@@ -143,7 +143,9 @@ class CapabilityResolver:
             for index, name in enumerate(spec.terminal or spec.modes)
         )
         return InnateTemplate(
-            requires=self.context.compile((*path, "requires"), spec.requires, self._own, "bool"),
+            requires=self.context.compile(
+                (*path, "requires"), spec.requires, self.context.names("capability"), "bool"
+            ),
             entry=0 if spec.entry is None else self._mode((*path, "entry"), spec.entry),
             initial=0 if spec.initial is None else self._mode((*path, "initial"), spec.initial),
             terminal=terminal,
@@ -201,15 +203,12 @@ class CapabilityResolver:
         except InputError as error:
             raise self.context.document.error(path, f"{error.message} (capability {name})") from error
 
-    def _holds(self, path: KeyPath, name: str, expression: Expression, known: Constants) -> bool:
-        folded = self._fold((*path, "requires"), name, known, expression)
-        return isinstance(folded, Constant) and bool(folded.value)
-
     def _fold_innate(self, name: str, known: Constants) -> Innate | None:
         template, spec = self.innate, self.spec.innate
         if template is None or spec is None:
             return None
-        if not self._holds(("capability", "innate"), name, template.requires, known):
+        requires = self._fold(("capability", "innate", "requires"), name, known, template.requires)
+        if requires == Constant(False):
             return None
         actions = tuple(
             InnateAction(
@@ -219,7 +218,13 @@ class CapabilityResolver:
             for action, rows in template.actions.items()
         )
         return Innate(
-            spec.name, template.entry, template.initial, template.terminal, template.restart, actions
+            spec.name,
+            template.entry,
+            template.initial,
+            template.terminal,
+            template.restart,
+            actions,
+            requires,
         )
 
     def _fold_row(

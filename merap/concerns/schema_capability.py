@@ -84,7 +84,8 @@ class InnateSpec(Spec):
         default={}, description="action: (mode: (next mode: probability)); undefined elsewhere"
     )
     requires: Truth = Field(
-        default=True, description="condition on the parameters; where it is false the automaton is lacking"
+        default=True,
+        description="condition on parameters and state; where it never holds the automaton is lacking",
     )
 
 

@@ -28,8 +28,10 @@ def beyond_places_and_modes(combination: Combination) -> str | None:
     changing = [one.name for one in combination.processes]
     if changing:
         return f"{changing[0]} changes beside location and mode"
+    innate = combination.capability.innate
     asking = [action.name for action in combination.capability.external if action.requires != TRUE]
-    return f"action {asking[0]} requires something of the state" if asking else None
+    asking += [innate.name] if innate is not None and innate.requires != TRUE else []
+    return f"{asking[0]} requires something of the state" if asking else None
 
 
 def require_places_and_modes(combination: Combination) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
-from merap.families.models import explored
 from tests.support.case_examples import GRAPH, replaced, write_case
 from tests.support.declared_models import successors
 from tests.support.process_cases import SERVICE
@@ -32,11 +31,24 @@ def test_states_have_no_location_and_no_mode(tmp_path: Path) -> None:
     }
 
 
-def test_a_mode_is_there_where_an_automaton_is_declared(tmp_path: Path) -> None:
-    innate = "  innate: {name: nap, modes: [awake, asleep], actions: {sleep: {awake: {asleep: 1}}}}\n"
-    text = replaced(NOWHERE, "  configurations:\n    fast:", innate + "  configurations:\n    fast:")
-    mdp = explored(load_case(write_case(tmp_path, text)).combination("calm.slow.thrift"))
-    assert {*mdp.variable_names} == {*NAMES, "mode", "done"}
+NAP = """\
+  innate:
+    name: nap
+    modes: [awake, asleep]
+    actions: {sleep: {awake: {asleep: 1}}, wake: {asleep: {awake: 1}}}
+    requires: "load > 2 & up > 0.2"
+"""
+
+
+def test_an_automaton_has_a_mode_and_may_require_something_of_the_state(tmp_path: Path) -> None:
+    text = replaced(NOWHERE, "  configurations:\n    fast:", NAP + "  configurations:\n    fast:")
+    found = successors(tmp_path, text, "rush.slow.thrift", ("load", "mode", "running", "booting", "seen"))
+    for (load, mode, *_), rows in found.items():
+        assert ("sleep" in rows) == (load > 2 and mode == 0)
+        assert ("wake" in rows) == (load > 2 and mode == 1)
+    # what never holds with an environment leaves the automaton out
+    found = successors(tmp_path, text, "calm.slow.thrift", ("load", "mode", "running", "booting", "seen"))
+    assert {action for rows in found.values() for action in rows} == {"keep", "grow", "shrink"}
 
 
 def test_outcomes_that_lead_nowhere_make_no_difference(tmp_path: Path) -> None:
@@ -55,7 +67,7 @@ def test_outcomes_that_lead_nowhere_make_no_difference(tmp_path: Path) -> None:
         ("running > 1", "row > 1", "'row' at column 1 speaks of locations, and the case has no space"),
         ("where: \"load' = 4\"", "where: moved", "'moved' at column 1 speaks of locations"),
         ("running > 1", "mode = 0", "unknown variable 'mode'"),
-        ("    - {value: \"-w", "    - {at: here, value: \"-w", "rewards[0].at: this speaks of locations"),
+        ("    - {value: \"-w", "    - {at: here, value: \"-w", "at: 'at(here)' speaks of locations"),
         ("keep: {stay: 1}", "keep: {move: east}", "keep.move: unknown edge label 'east'; known: stay"),
         ("keep: {stay: 1}", "keep: {outcomes: [{probability: 0.5}, {probability: 0.4}]}",
          "action keep: the probabilities sum to 0.9, not 1, (environment "),
