@@ -16,6 +16,7 @@ import numpy as np
 
 from merap.concerns.location_tables import HERE
 from merap.concerns.location_words import AT, LocationWords, cell
+from merap.concerns.parameter_types import ParameterType
 from merap.concerns.parameters import ParameterTypes, find_locations, parameter_name
 from merap.concerns.schema_base import Box, LocationSet
 from merap.concerns.space import Space
@@ -81,11 +82,11 @@ class ExpressionNames(ShortRepr):
     @cached_property
     def kinds(self) -> Mapping[str, Kind]:
         """The types of all names that may occur in a resolved expression."""
-        found: dict[str, Kind] = {}
-        for concern in self._readable:
-            for name, of in self.parameters.get(concern, {}).items():
-                if of.kind is not None:
-                    found[parameter_name(concern, name)] = of.kind
+        found: dict[str, Kind] = {
+            name: of.kind
+            for name, of in self._types.items()
+            if of.kind is not None and name.partition(".")[0] in self._readable
+        }
         if not self.of_state:
             return found
         found |= self._words.kinds
@@ -102,8 +103,19 @@ class ExpressionNames(ShortRepr):
         return found
 
     @cached_property
+    def _types(self) -> dict[str, ParameterType]:
+        """The types of all parameters by resolved name, those of the reader first."""
+        ordered = sorted(self.parameters, key=lambda concern: concern != self.reader)
+        return {
+            parameter_name(concern, name): of
+            for concern in ordered
+            for name, of in self.parameters[concern].items()
+        }
+
+    @cached_property
     def _words(self) -> LocationWords:
-        return LocationWords(self.space, self.of_state, "location" in self.primed)
+        held = (name.partition(".")[2] for name, of in self._types.items() if of.holds_locations)
+        return LocationWords(self.space, self.of_state, "location" in self.primed, tuple(held))
 
     @cached_property
     def _readable(self) -> tuple[ConcernName, ...]:
@@ -152,12 +164,13 @@ class ExpressionNames(ShortRepr):
     def _held(self, place: Variable) -> Variable | None:
         """Return the parameter of locations that has a name."""
         found = self._find(place)
-        if found is None or "." not in found:
+        of = None if found is None else self._types.get(found)
+        if found is None or of is None:
             return None
-        concern, _, name = found.partition(".")
-        of = self.parameters[concern][name]  # type: ignore[index]
         if not of.holds_locations:
             raise InputError(f"the parameter {place.name!r} is of type {of}, it holds no locations")
+        if found not in self.kinds:
+            raise InputError(f"{place.name!r} can't be read here: {self._hidden(found)}")
         return Variable(found, place.column)
 
     def _values(self, compared: Expression) -> Mapping[str, Value]:
@@ -168,11 +181,12 @@ class ExpressionNames(ShortRepr):
         if name == MODE_VARIABLE:
             return numbered(self.modes)
         found = self._find(Variable(name, compared.column))
-        if found is not None and found in self.variables:
+        if found is None:
+            return NO_VALUES
+        if found in self.variables:
             _, variable = self.variables[found]
             return numbered(variable.values, variable.low)
-        concern, _, own = (found or "").partition(".")
-        return numbered(self.parameters[concern][own].value_names) if own else NO_VALUES  # type: ignore[index]
+        return numbered(self._types[found].value_names) if found in self._types else NO_VALUES
 
     def _resolved(self, variable: Variable, values: Mapping[str, Value]) -> Expression:
         if variable.name in self.labels:
@@ -199,10 +213,12 @@ class ExpressionNames(ShortRepr):
 
     def _reason(self, found: str) -> str:
         """Return why a name that means something can't be read."""
-        for concern in CONCERNS:
-            for name, of in self.parameters.get(concern, {}).items():
-                if found == parameter_name(concern, name) and of.kind in (None, "locations"):
-                    return f"it is of type {of}" + ("; it can stand in at(..)" if of.holds_locations else "")
+        of = self._types.get(found)
+        if of is not None and of.kind in (None, "locations"):
+            return f"it is of type {of}" + ("; it can stand in at(..)" if of.holds_locations else "")
+        return self._hidden(found)
+
+    def _hidden(self, found: str) -> str:
         owner = found.partition(".")[0] if "." in found else self.variables.get(found, (self.reader,))[0]
         if owner == "objective" != self.reader:
             return "environment and capability read nothing of the objective"

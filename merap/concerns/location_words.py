@@ -43,11 +43,13 @@ class LocationWords(ShortRepr):
         space: the locations.
         here: whether the location before the step may be read.
         there: whether that of the successor may be.
+        parameters: names of those that hold locations, for messages.
     """
 
     space: Space
     here: bool
     there: bool
+    parameters: tuple[str, ...] = ()
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:
@@ -116,7 +118,7 @@ class LocationWords(ShortRepr):
 
     def _named(self, place: Variable) -> int:
         if place.name not in self.space.location_index:
-            near = suggestion(place.name, self.space.locations)
+            near = suggestion(place.name, (*self.parameters, *self.space.locations))
             raise InputError(f"unknown location {place.name!r}{_column(place.column)}{near}")
         return self.space.location_index[place.name]
 

@@ -133,7 +133,7 @@ def test_a_declared_name_wins(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        (graph("{where: at(H), value: 1}"), "where: unknown location 'H' at column 4; known: S, A, B, G"),
+        (graph("{where: at(H), value: 1}"), "where: unknown location 'H' at column 4; known: goal, blocked"),
         (graph("{where: at(light), value: 1}"), "unknown location 'light' at column 4"),
         (graph("{where: at(bonus), value: 1}"), "'bonus' is of type real, it holds no locations"),
         (graph('{where: "at([0, 1])", value: 1}'), r"unknown location \[0, 1\]: .* belongs to a grid"),

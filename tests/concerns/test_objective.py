@@ -119,7 +119,18 @@ def test_the_json_schema_accepts_what_loads(text: str) -> None:
         ("back: at(home)", "back: '\"over\"'", "labels", 'the label "back" is defined by itself'),
         ("goal: '\"over\"'", "goal: '\"ovr\"'", "goal", 'unknown label "ovr" at column 1; did you mean'),
         ("loaded: bag = full", "done: bag = full", "labels.done", "illegal name 'done' of a label"),
-        ("back: at(home)", "back: at(hom)", "labels.back", "unknown location 'hom' at column 4"),
+        (
+            "back: at(home)",
+            "back: at(hom)",
+            "labels.back",
+            "unknown location 'hom' at column 4; did you mean 'home'",
+        ),
+        (
+            "at(shop) & rain",
+            "at(home) & rain",
+            "down",
+            "environment and capability read nothing of the objective",
+        ),
         ("back: at(home)", "back: price", "labels.back", "is a number, expected a bool"),
         (
             "back: at(home)",
