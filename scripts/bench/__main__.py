@@ -1,5 +1,5 @@
 """Measure merap: scripts.bench export | learning | growth | adaptation | online | belief | trigger |
-shield | program [--json FILE].
+shield | program | foreign FOLDER [--json FILE].
 
 Ratios are of things timed side by side in one run.
 """
@@ -19,7 +19,7 @@ from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
-from scripts.bench import belief, growth, learning, online, program, shield, trigger
+from scripts.bench import belief, foreign, growth, learning, online, program, shield, trigger
 from scripts.bench.learning import median, report
 from scripts.bench.program import GRID, export_mapped
 from scripts.bench.tables import Json
@@ -36,6 +36,7 @@ app.add_typer(belief.app, name="belief")
 app.command()(trigger.trigger)
 app.command()(shield.shield)
 app.command()(program.program)
+app.command()(foreign.foreign)
 
 
 @app.callback()
