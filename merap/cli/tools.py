@@ -11,7 +11,7 @@ import typer
 
 from merap.cli import options
 from merap.cli.output import require_free_report, say, table, write_json
-from merap.concerns.schema import case_schema
+from merap.concerns.schema_program import case_schema
 from merap.mapek.scenario_schema import scenario_schema
 
 PACKAGES = ("merap", "stormpy", "torch", "numpy", "scipy", "jinja2", "networkx", "pydantic", "matplotlib")

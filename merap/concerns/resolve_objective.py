@@ -9,18 +9,19 @@ import numpy as np
 from merap.concerns.combination import Condition, DeclaredObjective, RewardRule
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import STEP
+from merap.concerns.horizon import check_horizon, horizon_of
 from merap.concerns.parameters import Values, constants, parameter_name, present_all
 from merap.concerns.reserved_words import check_label_name
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.resolve_conditions import Labels, resolve_condition
 from merap.concerns.resolve_processes import ProcessResolver, process_entries
 from merap.concerns.schema import CaseSpec
-from merap.concerns.schema_objective import MAX_HORIZON, ObjectiveSpec, PredicateSpec, StartPoint
+from merap.concerns.schema_objective import ObjectiveSpec, PredicateSpec, StartPoint
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE, Floats
 from merap.mdp.reserved_names import GOAL_LABEL, UNSAFE_LABEL
 from merap.program.expressions import Constants, Expression, fold
-from merap.program.names import check_name, suggestion
+from merap.program.names import check_name
 
 START = ("objective", "start")
 
@@ -52,19 +53,10 @@ class ObjectiveResolver:
             for key, condition in (("ends_after", spec.ends_after), ("ends_in", spec.ends_in))
         }
         self.processes = ProcessResolver(context, process_entries(case, "objective"))
-        self._check_horizon()
+        check_horizon(context.document, spec.horizon, spec.parameters)
         for name in spec.properties:
             with context.document.at("objective", "properties", name):
                 check_name(name, "a property")
-
-    def _check_horizon(self) -> None:
-        horizon, types = self.spec.horizon, self.spec.parameters
-        if isinstance(horizon, str) and (horizon not in types or types[horizon].name != "int"):
-            whole = [name for name, of in types.items() if of.name == "int"]
-            raise self.context.document.error(
-                ("objective", "horizon"),
-                f"expected a number, or a parameter of type int; got {horizon!r}{suggestion(horizon, whole)}",
-            )
 
     def __call__(
         self,
@@ -96,7 +88,7 @@ class ObjectiveResolver:
             parameters=present_all(self.spec.parameters, values, self.context.space),
             known=known,
             start=self._start(path, points, values),
-            horizon=horizon or self._horizon(values, name),
+            horizon=horizon or horizon_of(self.context.document, self.spec.horizon, name, values),
             goal=None if goal is None else Condition(where=goal),
             unsafe=None if unsafe is None else Condition(where=unsafe),
             labels=labels,
@@ -112,17 +104,6 @@ class ObjectiveResolver:
             properties=dict(self.spec.properties),
             processes=self.processes(name, known),
         )
-
-    def _horizon(self, values: Values, name: str) -> int:
-        if isinstance(self.spec.horizon, int):
-            return self.spec.horizon
-        horizon = int(values[self.spec.horizon])  # type: ignore[arg-type]
-        if not 1 <= horizon <= MAX_HORIZON:
-            raise self.context.document.error(
-                ("objective", "configurations", name, self.spec.horizon),
-                f"the horizon is {horizon}, allowed is 1 to {MAX_HORIZON}",
-            )
-        return horizon
 
     def _start(self, path: KeyPath, points: tuple[StartPoint, ...], values: Values) -> Floats:
         space = self.context.space

@@ -84,9 +84,3 @@ class CaseSpec(Spec):
         if self.space is not None and not self.objective.start:
             raise wrong("key 'start' is missing", ("objective",))
         return self
-
-
-def case_schema() -> dict[str, Any]:
-    """The JSON Schema of a case file (draft 2020-12)."""
-    schema = CaseSpec.model_json_schema(mode="validation")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "merap case file"}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from merap.concerns.schema import SystemSpec
+from merap.concerns.schema import CaseSpec, SystemSpec
 from merap.concerns.schema_base import Name, Names, Number, Spec, wrong
 from merap.concerns.schema_configurations import ConfiguredSpec
 from merap.concerns.schema_objective import Horizon
@@ -107,3 +107,21 @@ class WrittenCaseSpec(Spec):
     capability: ConfiguredSpec = Field(default=ConfiguredSpec(), description="what the system can do")
     objective: WrittenObjectiveSpec = Field(description="what the user wants")
     online: dict[Name, SystemSpec] = Field(default={}, description="name: a system that is met online")
+
+
+def case_schema() -> dict[str, Any]:
+    """The JSON Schema of a case file of either kind (draft 2020-12)."""
+    definitions: dict[str, Any] = {}
+    for kind in (CaseSpec, WrittenCaseSpec):
+        schema = kind.model_json_schema(mode="validation")
+        definitions |= schema.pop("$defs")
+        definitions[kind.__name__] = schema
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "merap case file",
+        "type": "object",
+        "if": {"required": ["program"]},
+        "then": {"$ref": "#/$defs/WrittenCaseSpec"},
+        "else": {"$ref": "#/$defs/CaseSpec"},
+        "$defs": definitions,
+    }

@@ -12,9 +12,9 @@ import numpy as np
 from merap.concerns.configurations import read_configurations
 from merap.concerns.document import Document
 from merap.concerns.expression_names import CONCERNS
+from merap.concerns.horizon import check_horizon, horizon_of
 from merap.concerns.parameters import Values, present_all
 from merap.concerns.resolution_context import ResolutionContext
-from merap.concerns.schema_objective import MAX_HORIZON
 from merap.concerns.schema_program import WrittenCaseSpec
 from merap.concerns.space import NO_SPACE
 from merap.concerns.supports import Configurations, Support, Supports
@@ -130,14 +130,7 @@ def _supports(
     spec: WrittenCaseSpec, context: ResolutionContext, configurations: Mapping[ConcernName, Configurations]
 ) -> WrittenSupports:
     horizon = spec.objective.horizon
-    of = context.parameters["objective"].get(str(horizon))
-    if isinstance(horizon, str) and (of is None or of.name != "int"):
-        known = [name for name, one in context.parameters["objective"].items() if one.name == "int"]
-        raise context.document.error(
-            ("objective", "horizon"),
-            f"expected a number or a parameter of the objective of type int, got {horizon!r}"
-            f"{suggestion(horizon, known)}",
-        )
+    check_horizon(context.document, horizon, context.parameters["objective"])
 
     def configuration(concern: ConcernName, name: str, values: Values) -> WrittenConfiguration:
         shown = present_all(context.parameters[concern], values, NO_SPACE)
@@ -145,11 +138,7 @@ def _supports(
 
     def objective(name: str, values: Values) -> WrittenObjective:
         own = configuration("objective", name, values)
-        steps = horizon if isinstance(horizon, int) else own.parameters[horizon]
-        if not 1 <= steps <= MAX_HORIZON:
-            raise context.document.error(
-                ("objective", "horizon"), f"{steps} steps (objective {name}): expected 1 to {MAX_HORIZON}"
-            )
+        steps = horizon_of(context.document, horizon, name, values)
         return WrittenObjective(
             name, own.parameters, steps, own.values, properties=dict(spec.objective.properties)
         )

@@ -33,7 +33,7 @@ from merap.program.expressions import Constant, Value, fold
 from merap.program.form import Program, closed
 from merap.program.names import unique_name
 from merap.program.unique_actions import ambiguous_actions, unique_actions
-from scripts.bench.tables import Json, show, table, timed, write_figures
+from scripts.bench.tables import Json, cell, show, timed, write_figures
 
 SUFFIXES = (".nm", ".prism", ".pm", ".templ")
 SMALL: Mapping[str, Value] = {"int": Fraction(2), "double": Fraction(1, 2), "bool": True}
@@ -60,8 +60,10 @@ def foreign(
 ) -> None:
     """Explore PRISM files of others, side by side with Storm."""
     paths = sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES and path.is_file())
-    rows = [row(path, folder) for path in paths]
-    show(table(f"{folder}", rows, COLUMNS))
+    rows = []
+    for path in paths:
+        rows.append(row(path, folder))
+        show(", ".join(f"{heading}: {cell(rows[-1][key])}" for key, heading in COLUMNS.items()))
     counts = Counter(row["result"].partition(":")[0] for row in rows)
     show(", ".join(f"{count} {result}" for result, count in counts.items()))
     write_figures(json_file, rows)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from merap.concerns.case_study import load_case
-from merap.concerns.schema import case_schema
+from merap.concerns.schema_program import case_schema
 from merap.concerns.synthesis import synthesise
 from merap.errors import MerapError
 from merap.mapek.scenario import read_scenario
@@ -121,7 +121,7 @@ def test_arbitrary_trees(tmp_path: Path, tree: Any) -> None:
 
 
 @FEW
-@given(tree=st.fixed_dictionaries(dict.fromkeys(case_schema()["properties"], trees)))
+@given(tree=st.fixed_dictionaries(dict.fromkeys(case_schema()["$defs"]["CaseSpec"]["properties"], trees)))
 def test_arbitrary_concerns(tmp_path: Path, tree: Any) -> None:
     load_or_refuse(tmp_path, json.dumps(tree).encode())
 

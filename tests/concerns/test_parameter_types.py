@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.parameter_types import parameter_type
-from merap.concerns.schema import case_schema
+from merap.concerns.schema_program import case_schema
 from merap.errors import InputError
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 
