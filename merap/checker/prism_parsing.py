@@ -6,6 +6,7 @@ import pickle
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import stormpy
 from stormpy.developer.storage._storage import ExpressionParser
 
 from merap.checker.prism_model import ConstantType, PrismModel
-from merap.errors import InputError
+from merap.errors import InputError, shortened
 from merap.program.expressions import Constant, Expression, Operation, Variable, fold
 from merap.program.form import (
     Command,
@@ -29,6 +30,7 @@ from merap.program.form import (
 )
 
 GLOBALS = "globals"
+MAX_MESSAGE = 400
 _ONE = Constant(Fraction(1))
 _TYPES: Mapping[str, ConstantType] = {"int": "int", "bool": "bool", "rational": "double"}
 _OPERATORS = {
@@ -196,7 +198,8 @@ def _parser(parsed: Any) -> Any:
 def _formulas(parsed: Any) -> Iterator[tuple[str, Expression]]:
     parser = _parser(parsed)
     for found in re.finditer(r"^formula (\w+) = (.*);$", str(parsed), re.MULTILINE):
-        yield found[1], _tree(parser.parse_from_string(found[2]))
+        with suppress(RuntimeError):  # a number is too long for it; where it is used it has been read
+            yield found[1], _tree(parser.parse_from_string(found[2]))
 
 
 def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
@@ -216,8 +219,13 @@ def _rule(parser: Any, item: str) -> RewardItem:
     signs = np.array(list(item))
     depth = np.cumsum(signs == "(") - np.cumsum(signs == ")")
     place = int(np.flatnonzero((signs == ":") & (depth == 0))[0])
-    guard, value = item[:place], item[place + 1 :].rstrip(";")
-    return RewardItem(_tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions)
+    value, guard = item[place + 1 :].rstrip(";"), item[:place]
+    try:
+        return RewardItem(
+            _tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions
+        )
+    except RuntimeError as error:
+        raise InputError(f"the reward {shortened(item, 80)} can't be read") from error
 
 
 def main(given: str, found: str, name: str) -> None:
@@ -236,7 +244,8 @@ def _message(text: str) -> tuple[str, int | None]:
     """Return Storm's message in one line, and the line of the text that it means."""
     message = " ".join(line.strip(" \t^") for line in text.splitlines()).strip()
     found = re.search(r"(?:Parsing error at |[Ll]ine )(\d+)", message)
-    return message.removeprefix("WrongFormatException: "), int(found[1]) if found else None
+    message = shortened(message.removeprefix("WrongFormatException: "), MAX_MESSAGE)
+    return message, int(found[1]) if found else None
 
 
 if __name__ == "__main__":

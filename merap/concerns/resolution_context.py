@@ -32,7 +32,6 @@ from merap.program.expressions import (
     check,
     exact,
     parse,
-    substitute,
     variables,
 )
 from merap.program.form import ConcernName, StateVariable
@@ -51,7 +50,6 @@ class ResolutionContext(ShortRepr):
         parameters: of each concern.
         variables: those of processes by name, with the concern that owns them.
         labels: of the objective, in double quotes -> the resolved condition.
-        definitions: name, or label in quotes -> what it stands for, in names that are resolved then.
     """
 
     document: Document
@@ -61,7 +59,6 @@ class ResolutionContext(ShortRepr):
     parameters: Mapping[ConcernName, ParameterTypes] = field(default_factory=dict)
     variables: Mapping[str, tuple[ConcernName, StateVariable]] = field(default_factory=dict)
     labels: Mapping[str, Expression] = field(default_factory=dict)
-    definitions: Mapping[str, Expression] = field(default_factory=dict)
 
     def names(
         self,
@@ -105,8 +102,7 @@ class ResolutionContext(ShortRepr):
             InputError: with its place.
         """
         with self.document.at(*path):
-            read = substitute(as_expression(given), self.definitions)
-            expression = names.resolve(read, values)
+            expression = names.resolve(as_expression(given), values)
             check(expression, names.kinds, expected)
             return expression
 

@@ -10,13 +10,23 @@ from typing import TypeVar
 
 from merap.checker.prism_model import PrismModel
 from merap.concerns.document import KeyPath
+from merap.concerns.location_words import AT
 from merap.concerns.parameters import parameter_name
-from merap.concerns.resolution_context import ResolutionContext
+from merap.concerns.resolution_context import ResolutionContext, as_expression
 from merap.concerns.schema_program import WrittenObjectiveSpec, WrittenRewardSpec
 from merap.errors import InputError
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, GOAL_LABEL, UNSAFE_LABEL
 from merap.program.completion import both, completed, enabled, negated
-from merap.program.expressions import Constant, Expression, Kind, Operation, Variable, substitute
+from merap.program.expressions import (
+    Constant,
+    Expression,
+    Kind,
+    Operation,
+    Variable,
+    parts,
+    substitute,
+    with_parts,
+)
 from merap.program.form import (
     TRUE,
     ConcernName,
@@ -142,27 +152,34 @@ class _Compiler:
 
     @cached_property
     def _context(self) -> ResolutionContext:
+        variables = {
+            one.name: (process.concern, one)
+            for process in self.program.processes
+            for one in process.variables
+        }
+        return replace(self.context, variables=variables)
+
+    @cached_property
+    def _definitions(self) -> Mapping[str, Expression]:
         labels = {f'"{name}"': where for name, where in self.program.labels.items()}
-        return replace(
-            self.context,
-            variables={
-                one.name: (process.concern, one)
-                for process in self.program.processes
-                for one in process.variables
-            },
-            definitions={
-                '"deadlock"': negated(enabled(self.program)),
-                **labels,
-                **self.model.definitions,
-            },
-        )
+        return {'"deadlock"': negated(enabled(self.program)), **labels, **self.model.definitions}
 
     def __call__(
         self, path: KeyPath, given: str | float, expected: Kind = "bool", *, of_step: bool = False
     ) -> Expression:
-        primed = ("processes",) if of_step else ()
-        names = self._context.names("objective", primed=primed)
-        return self._context.compile(("objective", *path), given, names, expected)
+        place: KeyPath = ("objective", *path)
+        with self.context.document.at(*place):
+            expression = self._defined(as_expression(given))
+        names = self._context.names("objective", primed=("processes",) if of_step else ())
+        return self._context.compile(place, expression, names, expected)
+
+    def _defined(self, expression: Expression) -> Expression:
+        """Put in what constants, formulas and labels of the text stand for; `at(..)` names no such thing."""
+        if isinstance(expression, Variable):
+            return self._definitions.get(expression.name, expression)
+        if isinstance(expression, Operation) and expression.operator.startswith(AT):
+            return expression
+        return with_parts(expression, tuple(map(self._defined, parts(expression))))
 
     def error(self, path: KeyPath, message: str) -> InputError:
         return self.context.document.error(("objective", *path), message)
