@@ -12,7 +12,7 @@ _TOKENS = re.compile(
     |(?P<quoted>"[^"\n]*")
     |(?P<system>\bsystem\b)
     |(?P<observed>\bobservables?\b)
-    |(?P<clock>\bclock\b|\binvariant\b)
+    |(?P<clock>:\s*clock\b|\binvariant\b)
     |(?P<unbounded>\b\w+\s*:\s*int\b)
     |(?P<interval>(?:->|\+)\s*\[[^\]\n]*,[^\]\n]*\]\s*:)
     |(?P<type>\b(?:dtmc|ctmc|mdp|pta|pomdp|popta|smg|csg|tsg|imdp|idtmc|ma|probabilistic|stochastic|nondeterministic)\b)

@@ -33,7 +33,7 @@ from merap.program.expressions import Constant, Value, fold
 from merap.program.form import Program, closed
 from merap.program.names import unique_name
 from merap.program.unique_actions import ambiguous_actions, unique_actions
-from scripts.bench.tables import Json, cell, show, timed, write_figures
+from scripts.bench.tables import Json, cell, timed, write_figures
 
 SUFFIXES = (".nm", ".prism", ".pm", ".templ")
 SMALL: Mapping[str, Value] = {"int": Fraction(2), "double": Fraction(1, 2), "bool": True}
@@ -63,9 +63,9 @@ def foreign(
     rows = []
     for path in paths:
         rows.append(row(path, folder))
-        show(", ".join(f"{heading}: {cell(rows[-1][key])}" for key, heading in COLUMNS.items()))
+        print(", ".join(f"{heading}: {cell(rows[-1][key])}" for key, heading in COLUMNS.items()))
     counts = Counter(row["result"].partition(":")[0] for row in rows)
-    show(", ".join(f"{count} {result}" for result, count in counts.items()))
+    print(", ".join(f"{count} {result}" for result, count in counts.items()))
     write_figures(json_file, rows)
 
 

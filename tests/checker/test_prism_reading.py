@@ -167,6 +167,7 @@ def test_a_parameter_without_a_value_is_named(folder: Path) -> None:
             4,
             "interval",
         ),
+        ("mdp\nmodule m\n x : clock;\nendmodule", 3, "clocks are not supported"),
         ("mdp\nmodule m\n x : bool;\nendmodule\nsystem m endsystem", 5, "`system ... endsystem`"),
         ("mdp\nmodule m\n x : bool;\n [] tru -> true;\nendmodule", 4, "tru"),
         ("mdp\nmodule m\n x : [0..2] init 0;\n [] x>> -> true;\nendmodule", 4, "error"),
