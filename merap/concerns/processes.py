@@ -127,7 +127,7 @@ def as_process(declared: DeclaredProcess, actions: Sequence[str], joint: Collect
     for action in actions:
         changes = declared.changes_with(action)
         place = f"[{action}] of {declared.name}"
-        if action in joint or any(_primed(one) for one in changes):
+        if action in joint or any(primed(one) for one in changes):
             commands.append(Command(action, TRUE, (draw_of(changes),), place))
         elif changes:
             guarded = _first_matches(changes)
@@ -176,7 +176,8 @@ def _where(condition: Expression, probability: Expression) -> Expression:
     return Operation("?:", (condition, probability, NOUGHT))
 
 
-def _primed(change: Change) -> set[str]:
+def primed(change: Change) -> set[str]:
+    """Return the names of what a change reads of the step."""
     parts = [change.where]
     for outcome in change.outcomes:
         parts += [outcome.probability, *outcome.assignments.values()]
@@ -193,15 +194,12 @@ def linked(
 ) -> tuple[Process, ...]:
     """Put processes together that draw one outcome, where the last of them stands.
 
-    They are those of which one reads what another becomes, and those that an action's outcome decides.
+    They are those of which one reads what one before it becomes, and those that an action's outcome decides.
 
     Args:
         processes: all of a program, in order of declaration.
         declared: those of them that a case declares.
         joint: actions whose outcomes decide what processes become.
-
-    Raises:
-        InputError: one reads what it becomes itself, or what a later one becomes.
     """
     owner = {one.name: place for place, process in enumerate(processes) for one in process.variables}
     places = {process.name: place for place, process in enumerate(processes)}
@@ -212,15 +210,8 @@ def linked(
         for name, *others in (list(dict.fromkeys(name for drawn in outcomes for name in drawn)),)
         for other in others
     ]
-    for one in declared:
-        for name in sorted({name for change in one.changes for name in _primed(change)}):
-            if owner[name] >= places[one.name]:
-                other = processes[owner[name]].name
-                raise InputError(
-                    f"{one.name} reads what {name} becomes, which {other} decides: "
-                    "only processes declared earlier can be read so"
-                )
-            pairs.append((owner[name], places[one.name]))
+    read = {one.name: {name for change in one.changes for name in primed(change)} for one in declared}
+    pairs += [(owner[name], places[reader]) for reader, names in read.items() for name in sorted(names)]
     for first, second in pairs:
         old, new = group[first], group[second]
         group = [new if number == old else number for number in group]

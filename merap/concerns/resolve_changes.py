@@ -7,9 +7,10 @@ from fractions import Fraction
 
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import STEP, ExpressionNames, numbered
-from merap.concerns.processes import Change
+from merap.concerns.processes import Change, primed
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema_processes import ANY, Draw, SetSpec
+from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import Constant, Expression, Kind, Operation
 from merap.program.form import ConcernName, StateVariable, Update
 from merap.program.names import suggestion
@@ -44,7 +45,26 @@ class ChangeReader:
             InputError: an expression is wrong, or a variable is none of the process.
         """
         where = self._context.compile((*path, "where"), spec.where, self._step, "bool")
-        return Change(actions, where, self._outcomes((*path, "set"), spec.set, own, self._step))
+        change = Change(actions, where, self._outcomes((*path, "set"), spec.set, own, self._step))
+        self._require_order(path, change, own)
+        return change
+
+    def _require_order(self, path: KeyPath, change: Change, own: Variables) -> None:
+        """Refuse a change that reads what its own process or a later one becomes."""
+        names, first = list(self._context.variables), next(iter(own))
+        later = set(names[names.index(first) + len(own) :])
+        if self._context.variables[first][0] == "environment":
+            later.add(MODE_VARIABLE)
+        for name in sorted(primed(change)):
+            if name in own:
+                message = f"a process can't read what it becomes itself: {name}'"
+                raise self._context.document.error(path, message)
+            if name in later:
+                raise self._context.document.error(
+                    path,
+                    f"this reads what {name} becomes, which is declared later: a change reads only what the "
+                    "space and processes declared earlier become",
+                )
 
     def start(self, path: KeyPath, draws: tuple[Draw, ...], own: Variables) -> tuple[Update, ...]:
         """Return a distribution of initial values, which read parameters alone.

@@ -163,31 +163,6 @@ def test_rewards_and_ends_read_processes() -> None:
     assert mdp.labels["unsafe"].any()
 
 
-@pytest.mark.parametrize(
-    ("processes", "complaint"),
-    [
-        (
-            (process("a", "environment", (0, 1), "0", change("b' = 1", outcome("1", a="1"))),
-             process("b", "environment", (0, 1), "0")),
-            "a reads what b becomes, which b decides: only processes declared earlier can be read so",
-        ),
-        (
-            (process("a", "environment", (0, 1), "0", change("a' = 1", outcome("1"))),),
-            "a reads what a becomes",
-        ),
-        (
-            (process("a", "environment", (0, 1), "0", change("mode' = 1", outcome("1"))),),
-            "a reads what mode becomes, which capability decides",
-        ),
-    ],
-)  # fmt: skip
-def test_a_process_reads_only_what_is_declared_earlier(
-    processes: tuple[DeclaredProcess, ...], complaint: str
-) -> None:
-    with pytest.raises(InputError, match=complaint):
-        compose(two_starts(*processes))
-
-
 def test_arrays_over_locations_and_modes_refuse_processes() -> None:
     pair = synthesise_pair(graph_combination())
     for combination in (two_starts(LIT), two_starts(requires="mode = 0")):
