@@ -255,6 +255,8 @@ def _stray_choice(model: Any) -> str:
         if any(transition.column == stray for transition in action.transitions)
     )
     names = ", ".join(action.labels) or "(unnamed)"
-    terms = model.state_valuations.to_string(source).strip("[]").replace("\t", "").split("& ")
-    valuation = ", ".join(term for term in terms if "_OutOfBoundsBit" not in term)
-    return f"({valuation}), action {names}"
+    values = model.state_valuations
+    named = ((one.name, values.get_value(source, one)) for one in values.get_all_variables())
+    # as in other messages about states: true is 1
+    terms = (f"{name}={int(value)}" for name, value in named if name != "_OutOfBoundsBit")
+    return f"({', '.join(terms)}), action {names}"

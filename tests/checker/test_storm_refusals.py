@@ -31,6 +31,11 @@ BROKEN = [
     ),
     (ModelError, changed("x<3 -> 1/2", "x<3 -> -1/2"), "m: (x=0), action go has a probability of -0.5"),
     (ModelError, changed("[go] x<3", "[go] x<=3"), "m: (x=3), action go leaves the range of a variable"),
+    (
+        ModelError,
+        changed("[go] x<3", "lit : bool init true; dim : bool init false;\n  [go] x<=3"),
+        "m: (lit=1, dim=0, x=3), action go leaves the range of a variable",
+    ),
     (ModelError, changed("[end] x=3", "[end] x=4"), "m: state (x=3) has no action"),
     (ModelError, changed("[rest]", "[go]"), "m: (x=0), action go is there twice"),
 ]
