@@ -161,7 +161,7 @@ def _directions(panel: Panel, here: Ints, label: Ints) -> Floats:
     """Return float64 [M, 2], where the edge with a label goes; where there is none, its usual direction."""
     space = panel.combination.space
     target = space.target[here, label]
-    usual = np.array([_usual_direction(space, move) for move in range(len(space.moves))])
+    usual = np.array([_usual_direction(space, move) for move in range(len(space.moves))]).reshape(-1, 2)
     along = usual[label]
     for row in np.flatnonzero(target >= 0):
         first, second = panel.lines.between(int(here[row]), int(target[row]))[:2]
