@@ -31,6 +31,7 @@ from merap.families.prism_family_members import ProgramFamily, family_constants,
 from merap.families.prism_family_program import OpenProgram
 from merap.families.prism_family_texts import read_sources
 from merap.mdp.reserved_names import END_ACTION
+from merap.mdp.short_repr import ShortRepr
 from merap.program.arrays import stuck_state
 from merap.program.exploration import explore
 from merap.program.expressions import Value
@@ -150,8 +151,8 @@ def _supports(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class FinishedPrograms:
+@dataclass(frozen=True, eq=False, repr=False)
+class FinishedPrograms(ShortRepr):
     """The open programs of a family with unique actions; call it with values of parameters.
 
     Attributes:
@@ -171,8 +172,8 @@ class FinishedPrograms:
         return self._finished[one]
 
 
-@dataclass(frozen=True)
-class ExploredSample:
+@dataclass(frozen=True, repr=False)
+class ExploredSample(ShortRepr):
     """What the exploration of some members has found.
 
     Attributes:

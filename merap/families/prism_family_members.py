@@ -20,6 +20,7 @@ from merap.concerns.supports import Configurations
 from merap.errors import InputError
 from merap.families.prism_family_program import OpenProgram, open_program
 from merap.families.prism_family_texts import PrismText, ProgramSources
+from merap.mdp.short_repr import ShortRepr
 from merap.prism.user_templates import BranchingError
 from merap.program.expressions import Constant, Table, Value, exact, substitute
 from merap.program.form import ConcernName, Program, closed
@@ -34,8 +35,8 @@ _FITTING: Mapping[ConstantType, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class ProgramFamily:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProgramFamily(ShortRepr):
     """The texts of a case and the programs that they are.
 
     Attributes:

@@ -16,6 +16,7 @@ from merap.concerns.resolution_context import ResolutionContext, as_expression
 from merap.concerns.schema_program import WrittenObjectiveSpec, WrittenRewardSpec
 from merap.errors import InputError
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, GOAL_LABEL, UNSAFE_LABEL
+from merap.mdp.short_repr import ShortRepr
 from merap.program.completion import both, completed, enabled, negated
 from merap.program.expressions import (
     Constant,
@@ -43,8 +44,8 @@ REWARD, STEPS, SHIFT = "objective", "steps", "shift"
 NEVER = Constant(False)
 
 
-@dataclass(frozen=True, eq=False)
-class OpenProgram:
+@dataclass(frozen=True, eq=False, repr=False)
+class OpenProgram(ShortRepr):
     """A text with its objective, before its actions are unique.
 
     Attributes:
@@ -142,8 +143,8 @@ def _beside(
     return joined, changed
 
 
-@dataclass(frozen=True, eq=False)
-class _Compiler:
+@dataclass(frozen=True, eq=False, repr=False)
+class _Compiler(ShortRepr):
     """Compiles the objective's expressions over a text's variables, constants, formulas and labels."""
 
     model: PrismModel

@@ -17,6 +17,7 @@ from merap.concerns.document import Document
 from merap.concerns.expression_names import CONCERNS
 from merap.concerns.schema_program import ProgramSpec, TextSpec
 from merap.errors import InputError
+from merap.mdp.short_repr import ShortRepr
 from merap.prism.user_templates import fill_in_template, template_names
 from merap.program.expressions import Value
 from merap.program.form import ConcernName
@@ -25,8 +26,8 @@ _HEADER = "mdp\n"
 _MODULE = re.compile(r"^\s*module\s+(\w+)", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class TextSource:
+@dataclass(frozen=True, repr=False)
+class TextSource(ShortRepr):
     """A text, or the template of one.
 
     Attributes:
@@ -40,8 +41,8 @@ class TextSource:
     concern: ConcernName | None = None
 
 
-@dataclass(frozen=True)
-class PrismText:
+@dataclass(frozen=True, repr=False)
+class PrismText(ShortRepr):
     """A whole text, made of parts."""
 
     parts: tuple[TextSource, ...]
@@ -91,8 +92,8 @@ class PrismText:
             raise
 
 
-@dataclass(frozen=True, eq=False)
-class ProgramSources:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProgramSources(ShortRepr):
     """The files of a case.
 
     Attributes:

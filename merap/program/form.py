@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Literal, TypeAlias
 
 from merap.errors import InputError
+from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import Constant, Expression, Value, fold, variables
 
 ConcernName: TypeAlias = Literal["environment", "capability", "objective"]
@@ -22,8 +23,8 @@ Kind: TypeAlias = Literal["bool", "int", "named"]
 TRUE = Constant(True)
 
 
-@dataclass(frozen=True)
-class StateVariable:
+@dataclass(frozen=True, repr=False)
+class StateVariable(ShortRepr):
     """A variable with a finite domain of consecutive integers.
 
     Attributes:
@@ -87,8 +88,8 @@ def whole(expression: Expression, meaning: str) -> int:
     return int(value)
 
 
-@dataclass(frozen=True)
-class Update:
+@dataclass(frozen=True, repr=False)
+class Update(ShortRepr):
     """One possible result of a draw.
 
     Attributes:
@@ -104,8 +105,8 @@ class Update:
 Draw: TypeAlias = tuple[Update, ...]
 
 
-@dataclass(frozen=True)
-class Command:
+@dataclass(frozen=True, repr=False)
+class Command(ShortRepr):
     """A step that a process can take.
 
     Attributes:
@@ -122,16 +123,16 @@ class Command:
     place: str
 
 
-@dataclass(frozen=True)
-class InitialValues:
+@dataclass(frozen=True, repr=False)
+class InitialValues(ShortRepr):
     """A joint initial value of the variables of a process, with its probability; both may read parameters."""
 
     probability: Expression
     values: Mapping[str, Expression]
 
 
-@dataclass(frozen=True)
-class Process:
+@dataclass(frozen=True, repr=False)
+class Process(ShortRepr):
     """A named group of variables with rules of change, owned by one concern.
 
     Attributes:
@@ -156,8 +157,8 @@ class Process:
         return frozenset(command.action for command in self.commands if command.action is not None)
 
 
-@dataclass(frozen=True)
-class RewardItem:
+@dataclass(frozen=True, repr=False)
+class RewardItem(ShortRepr):
     """A reward of steps.
 
     Attributes:
@@ -171,8 +172,8 @@ class RewardItem:
     actions: frozenset[str | None] = frozenset()
 
 
-@dataclass(frozen=True)
-class RewardStructure:
+@dataclass(frozen=True, repr=False)
+class RewardStructure(ShortRepr):
     """Rewards of one name.
 
     Attributes:
@@ -187,8 +188,8 @@ class RewardStructure:
     shift: str | None = None
 
 
-@dataclass(frozen=True)
-class Program:
+@dataclass(frozen=True, repr=False)
+class Program(ShortRepr):
     """Processes that step together. Names that no process owns are parameters; a closed program has none.
 
     Attributes:

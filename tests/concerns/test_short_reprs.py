@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.synthesis import synthesise
+from merap.concerns.case_study import CaseStudy
+from merap.families.loading import load_case
+from merap.families.models import explored
 from merap.program.expressions import parse
 from tests.support.case_examples import GRAPH, write_case
-from tests.support.paths import ROOT
-
-CASES = sorted((ROOT / "models").glob("*/*.yaml"))
+from tests.support.shipped_cases import CASE_FILES
 
 
 def parts(value: Any, seen: set[int]) -> Iterator[Any]:
@@ -43,16 +42,15 @@ def parts(value: Any, seen: set[int]) -> Iterator[Any]:
 def require_short(case: CaseStudy) -> None:
     combination = case.combination_at(0)
     seen: set[int] = set()
-    for root in (case, combination, synthesise(combination)):
+    for root in (case, combination, explored(combination)):
         for part in parts(root, seen):
             if type(part).__module__.startswith("merap") and type(part).__name__ != "Document":
                 assert len(repr(part)) <= 300, type(part)
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", CASE_FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_shipped_cases(path: Any) -> None:
-    if "case:" in path.read_text():
-        require_short(load_case(path))
+    require_short(load_case(path))
 
 
 def test_a_graph_with_everything(tmp_path: Any) -> None:
