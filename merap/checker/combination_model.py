@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from merap.checker.model_text import model_text
 from merap.checker.storm import StormModel, build_text, build_weighted
 from merap.concerns.combination import Combination
 from merap.mdp.model import Bools, TabularMDP
-from merap.prism.rendering import render_pair
+from merap.mdp.umb_names import rename_umb
+from merap.prism.rendering import render, render_pair
 from merap.prism.text_names import text_names
 
 
@@ -34,19 +35,27 @@ def build_combination(combination: Combination) -> BuiltModel:
         EngineError: Storm failed.
     """
     storm, initial = build_weighted(model_text(combination))
-    names = text_names(combination.program)
+    own = text_names(combination.program).back
     arrays = replace(
         storm.arrays,
         initial=initial,
-        variable_names=_as_in_program(storm.arrays.variable_names, names.variables),
-        action_names=_as_in_program(storm.arrays.action_names, names.actions),
+        variable_names=tuple(own.variables.get(name, name) for name in storm.arrays.variable_names),
+        action_names=tuple(own.actions.get(name, name) for name in storm.arrays.action_names),
     )
     return BuiltModel(storm, arrays)
 
 
-def _as_in_program(written: tuple[str, ...], names: Mapping[str, str]) -> tuple[str, ...]:
-    own = {text: name for name, text in names.items()}
-    return tuple(own.get(name, name) for name in written)
+def export_combination(combination: Combination, path: Path) -> None:
+    """Render a combination, build it with Storm and write what Storm has as UMB, in the program's names.
+
+    Raises:
+        ModelError: it is not sound.
+        EngineError: Storm failed.
+    """
+    build_text(render(combination), combination.name).export_umb(path)
+    own = text_names(combination.program).back
+    if own.actions or own.variables:
+        rename_umb(path, own.actions, own.variables)
 
 
 def build_pair(combination: Combination, starts: Bools) -> TabularMDP:

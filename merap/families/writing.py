@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from os import PathLike
 from pathlib import Path
 
-from merap.checker.storm import build_text
+from merap.checker.combination_model import export_combination
 from merap.concerns.arguments import as_path
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
@@ -36,11 +36,7 @@ def export_case(case: CaseStudy, combinations: Iterable[Combination], folder: st
         OutputError: `folder` holds something else, or can't be written.
         ModelError: a model is unsound.
     """
-
-    def write(combination: Combination, path: Path) -> None:
-        build_text(render(combination), combination.name).export_umb(path)
-
-    return _write_each(case, combinations, folder, "umb", write)
+    return _write_each(case, combinations, folder, "umb", export_combination)
 
 
 def _write_each(

@@ -10,9 +10,6 @@ from merap.program.form import Program
 from merap.program.names import KEYWORDS, unique_name
 from merap.program.renaming import renamed
 
-_IDENTIFIER = re.compile(r"\b[A-Za-z_]\w*")
-_QUOTED = re.compile(r'("[^"]*")')
-
 
 @dataclass(frozen=True)
 class TextNames:
@@ -28,6 +25,12 @@ class TextNames:
     actions: Mapping[str, str]
     processes: Mapping[str, str]
 
+    @property
+    def back(self) -> TextNames:
+        """Name in text -> name in the program."""
+        kinds = (self.variables, self.actions, self.processes)
+        return TextNames(*({new: name for name, new in names.items()} for names in kinds))
+
     def header(self) -> tuple[str, ...]:
         """Return a line of comment for each name that text has changed."""
         kinds = (("variable", self.variables), ("action", self.actions), ("module", self.processes))
@@ -36,15 +39,6 @@ class TextNames:
             for kind, names in kinds
             for name, written in names.items()
         )
-
-    def in_property(self, text: str) -> str:
-        """Return a property that a user has written with the names of the text; F is an operator there."""
-        named = {name: new for name, new in self.variables.items() if not re.fullmatch("[A-Z]", name)}
-        parts = _QUOTED.split(text)
-        parts[::2] = [
-            _IDENTIFIER.sub(lambda found: named.get(found[0], found[0]), part) for part in parts[::2]
-        ]
-        return "".join(parts)
 
 
 def text_names(program: Program) -> TextNames:

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from merap.checker.combination_model import export_combination
 from merap.families.loading import load_case
 from merap.families.models import built, explored
 from merap.families.prism_family import WrittenCase
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
+from merap.mdp.umb import read_umb
 from tests.support.prism_families import WALK, WALK_CASE, write_case, written_case
 
 LAMPS = """\
@@ -204,3 +206,32 @@ def test_what_has_no_ends_has_no_complete_states(tmp_path: Path) -> None:
     path = write_case(tmp_path, WALK_CASE.replace("  ends_in", "  # ends_in"), walk=WALK)
     model = explored(load_case(path).combination_at(0))
     assert not model.labels["done"].any()
+
+
+NAMES = """\
+mdp
+module player
+  rate : [0..3] init 0;
+  [label] rate<3 -> 0.5 : (rate'=rate+1) + 0.5 : true;
+  [] true -> (rate'=0);
+endmodule
+"""
+NAMES_CASE = """\
+case: names
+program: {file: names.prism}
+objective:
+  horizon: 5
+  goal: rate = 3
+  rewards: [{action: player#1, value: 2}]
+"""
+
+
+def test_exports_have_the_names_of_the_text(tmp_path: Path) -> None:
+    case = written_case(tmp_path, NAMES_CASE, names=NAMES)
+    (combination,) = case.combinations()
+    compare(built(combination), explored(combination)).require_same()
+    assert case.actions == ("label", "player#1")
+    export_combination(combination, tmp_path / "names.umb")
+    read = read_umb(tmp_path / "names.umb")
+    compare(explored(combination), read).require_same()
+    assert (read.variable_names, set(read.action_names)) == (("rate",), {"label", "player#1"})

@@ -49,15 +49,8 @@ def test_text_is_legal_and_says_what_it_has_renamed(tmp_path: Path) -> None:
     names = text_names(PROGRAM)
     theirs = build(tmp_path / "model.prism", {})
     found = choices_of(PROGRAM, explore(PROGRAM))
-    own = {written: name for name, written in names.actions.items()}
+    own = names.back.actions
     read = choices_of_storm(with_text_names(PROGRAM, names), theirs)
     assert read.keys() == found.keys()
     for state, choices in read.items():
         assert {(own.get(name or "", name), successors) for name, successors in choices} == set(found[state])
-
-
-def test_a_users_property_is_read_with_the_users_names() -> None:
-    names = text_names(PROGRAM)
-    assert (
-        names.in_property('Pmax=? [F rate=3 & "rate" & rate_=1]') == 'Pmax=? [F rate__=3 & "rate" & rate_=1]'
-    )
