@@ -33,7 +33,11 @@ def template_names(template: str) -> frozenset[str]:
     try:
         return frozenset(meta.find_undeclared_variables(_ENVIRONMENT.parse(template)))
     except jinja2.TemplateSyntaxError as error:
-        raise InputError(str(error.message), line=error.lineno) from error
+        raise _syntax_error(error) from error
+
+
+def _syntax_error(error: jinja2.TemplateSyntaxError) -> InputError:
+    return InputError(f"the template has a syntax error: {error.message}", line=error.lineno)
 
 
 def fill_in_template(template: str, values: Mapping[str, Value], open_: frozenset[str]) -> str:
@@ -55,6 +59,8 @@ def fill_in_template(template: str, values: Mapping[str, Value], open_: frozense
     names |= {name: _Open(name=name) for name in open_}
     try:
         return _ENVIRONMENT.from_string(template).render(names)
+    except jinja2.TemplateSyntaxError as error:
+        raise _syntax_error(error) from error
     except jinja2.UndefinedError as error:
         for name in sorted(open_):
             if f"'{name}' is undefined" in str(error.message):

@@ -21,12 +21,16 @@ def negated(condition: Expression) -> Expression:
 
 def either(conditions: Collection[Expression]) -> Expression:
     """Return where one of some conditions holds."""
-    return reduce(lambda one, other: Operation("|", (one, other)), conditions) if conditions else _NO
+    return _joined("|", conditions) if conditions else _NO
 
 
 def both(conditions: Collection[Expression]) -> Expression:
     """Return where all of some conditions hold."""
-    return reduce(lambda one, other: Operation("&", (one, other)), conditions) if conditions else _YES
+    return _joined("&", conditions) if conditions else _YES
+
+
+def _joined(operator: str, conditions: Collection[Expression]) -> Expression:
+    return reduce(lambda one, other: Operation(operator, (one, other)), dict.fromkeys(conditions))
 
 
 def enabled(program: Program) -> Expression:
