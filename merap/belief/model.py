@@ -184,7 +184,7 @@ def _mean_slots(
 
 
 def tabular(space: HypothesisSpace, model: DomainModel, initial: Floats) -> TabularMDP:
-    """The model on the canonical index.
+    """The model on the states of the belief.
 
     Args:
         space: the hypotheses.
@@ -214,7 +214,7 @@ def tabular(space: HypothesisSpace, model: DomainModel, initial: Floats) -> Tabu
         branches,
         initial=np.append(initial, 0.0),
         labels={COMPLETE_LABEL: done},
-        valuations=space.valuations,
-        variable_names=space.variable_names,
+        valuations=space.states.valuations,
+        variable_names=space.states.variable_names,
         action_names=names,
     )

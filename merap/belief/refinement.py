@@ -24,7 +24,7 @@ from merap.belief.planning import FinitePlan, Refined, plan, policy_values
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
 from merap.learning.exact import expected_return
-from merap.learning.meta import MetaPolicy
+from merap.learning.meta import MetaPolicy, on_index
 from merap.learning.policy import Parameters, policy_table
 from merap.learning.tasks import TaskBatch, branch_batch
 from merap.mdp.model import Floats
@@ -52,7 +52,7 @@ class Refinement:
     """Refines the meta policy of a run by a belief.
 
     Args:
-        meta: the meta policy, of the same case.
+        meta: the meta policy of the same case, on the index of the space.
         space: the hypotheses of the case.
         horizon: T.
         generator: of the models that are drawn.
@@ -67,7 +67,7 @@ class Refinement:
         generator: np.random.Generator,
         settings: RefinementSettings | None = None,
     ) -> None:
-        self._meta = meta
+        self._meta = on_index(meta, space.index, space.states)
         self._space = space
         self._horizon = horizon
         self._generator = generator
@@ -133,7 +133,7 @@ class Refinement:
 
 
 def model_tasks(models: Sequence[DomainModel], start: Floats, horizon: int) -> TaskBatch:
-    """Domain models side by side, on the canonical index with the completed state.
+    """Domain models side by side, on the states of the belief with the completed one.
 
     Args:
         models: N of them.

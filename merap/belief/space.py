@@ -15,8 +15,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from merap.belief.actions import ActionTable
 from merap.belief.disturbances import disturbances, stacked
@@ -34,6 +36,7 @@ from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states
 from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
+from merap.mdp.index import FamilyIndex, carried, values_below
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
@@ -53,8 +56,8 @@ class HypothesisSpace(ShortRepr):
     Attributes:
         case: the case.
         space: P locations.
-        variable_names: location and mode, as an observation's valuation has them.
-        valuations: int64 [S + 1, V], the canonical index; the completed state is the last.
+        states: S numbers of location and mode and, last, that of the completed state.
+        index: the numbers that policies and masks outside the belief have.
         environment_names: E names, the last is the unknown one.
         capability_names: C names.
         objective_names: O names, those of the support first.
@@ -81,8 +84,8 @@ class HypothesisSpace(ShortRepr):
 
     case: DeclaredCase
     space: Space
-    variable_names: tuple[str, ...]
-    valuations: Ints
+    states: FamilyIndex
+    index: FamilyIndex
     environment_names: tuple[str, ...]
     capability_names: tuple[str, ...]
     objective_names: tuple[str, ...]
@@ -114,7 +117,15 @@ class HypothesisSpace(ShortRepr):
     @property
     def num_states(self) -> int:
         """S, without the completed state."""
-        return len(self.valuations) - 1
+        return self.states.num_states - 1
+
+    def outward(self, table: npt.NDArray[Any], missing: Any) -> npt.NDArray[Any]:
+        """Return a table [.., S + 1, A] of the belief's states for those of `index`."""
+        return carried(table, self.states, self.index, missing)
+
+    def inward(self, table: npt.NDArray[Any], missing: Any) -> npt.NDArray[Any]:
+        """Return a table of the states of `index` for the belief's, [.., S + 1, A]."""
+        return carried(table, self.index, self.states, missing)
 
     @property
     def sees_obstacles(self) -> bool:
@@ -131,7 +142,10 @@ class HypothesisSpace(ShortRepr):
 
 
 def hypothesis_space(
-    case: DeclaredCase, outside: Outside | None = None, noise: float | None = None
+    case: DeclaredCase,
+    outside: Outside | None = None,
+    noise: float | None = None,
+    index: FamilyIndex | None = None,
 ) -> HypothesisSpace:
     """All hypotheses of a case.
 
@@ -139,6 +153,7 @@ def hypothesis_space(
         case: the case.
         outside: prior mass outside the support.
         noise: standard deviation of the Gaussian noise on rewards; None: it is estimated.
+        index: the numbers that policies and masks have; None: those of the belief.
 
     Raises:
         InputError: the tables would be too large, an action has too many moves, or concerns read each other.
@@ -162,11 +177,12 @@ def hypothesis_space(
     reward, ends = _objective_tables(representatives, objectives, tables)
     commonest = int(np.bincount(attribute_class).argmax())
     noises, noise_prior = _noises(reward, noise)
+    states = _states(representatives[0][0])
     return HypothesisSpace(
         case=case,
         space=case.space,
-        variable_names=(*case.space.variable_names, MODE_VARIABLE),
-        valuations=_valuations(representatives[0][0]),
+        states=states,
+        index=states if index is None else index,
         environment_names=(*(one.name for one in environments), "unknown obstacles"),
         capability_names=(
             *(one.name for one in capabilities),
@@ -240,9 +256,11 @@ def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
     return scale * np.array((QUIET, *NOISES)), split(1, len(NOISES), 0.5)
 
 
-def _valuations(combination: DeclaredCombination) -> Ints:
+def _states(combination: DeclaredCombination) -> FamilyIndex:
     pairs = pair_valuations(combination)
-    return np.vstack([pairs, np.full((1, pairs.shape[1]), -1)])
+    table = np.vstack([pairs, values_below(pairs, 1)])
+    names = (*combination.space.variable_names, MODE_VARIABLE)
+    return FamilyIndex(names, table, {frozenset(): len(pairs)}, combination.actions)
 
 
 def _initial(combination: DeclaredCombination) -> Floats:

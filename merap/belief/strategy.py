@@ -89,7 +89,7 @@ class BeliefStrategy:
         self._refine = refine
         self._refined: Refined | None = None
         self._refined_at = 0.0
-        self._index = StateIndex(space.valuations)
+        self._index = StateIndex(space.states)
         scale = TIES * (float(np.ptp(space.reward)) or 1.0)
         self._ties = scale * generator.random((len(space.actions), space.num_states))
         self._lexicographic = any(table.telling.any() for table in space.actions)
@@ -130,7 +130,8 @@ class BeliefStrategy:
 
     def restrict(self, mask: Bools) -> None:
         """Plan with the actions bool [S, A] alone; a row without any is not restricted."""
-        rows = mask[:-1] | ~mask[:-1].any(axis=1, keepdims=True)
+        own = self._space.inward(mask, True)[:-1]
+        rows = own | ~own.any(axis=1, keepdims=True)
         self._restriction = rows.T
         self._modelled, self._learned, self._stale = None, -np.inf, True
 
@@ -218,8 +219,9 @@ class BeliefStrategy:
         table = self._planned()
         if self._refined is not None and self._refined.policy is not None:
             table = np.repeat(self._refined.policy[np.newaxis], len(table), axis=0)
-        completed = np.full((len(table), 1, table.shape[2]), 1 / table.shape[2])
-        return np.concatenate([table, completed], axis=1)
+        uniform = 1 / table.shape[2]
+        completed = np.full((len(table), 1, table.shape[2]), uniform)
+        return self._space.outward(np.concatenate([table, completed], axis=1), uniform)
 
     def _planned(self) -> Floats:
         """float64 [T, S, A] without the completed state."""

@@ -1,4 +1,4 @@
-"""Have Storm build combinations, and pairs of environment and capability, from their text."""
+"""Have Storm build combinations from their text."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from merap.checker.model_text import model_text
 from merap.checker.storm import StormModel, build_text, build_weighted
 from merap.concerns.combination import Combination
-from merap.mdp.model import Bools, TabularMDP
+from merap.mdp.model import TabularMDP
 from merap.mdp.umb_names import rename_umb
-from merap.prism.rendering import render, render_pair
+from merap.prism.rendering import render
 from merap.prism.text_names import text_names
 
 
@@ -56,14 +56,3 @@ def export_combination(combination: Combination, path: Path) -> None:
     own = text_names(combination.program).back
     if own.actions or own.variables:
         rename_umb(path, own.actions, own.variables)
-
-
-def build_pair(combination: Combination, starts: Bools) -> TabularMDP:
-    """Build environment and capability of a combination without an objective.
-
-    Args:
-        combination: whose objective does not matter.
-        starts: bool [P], all locations an episode may begin in; equally likely in the result.
-    """
-    name = f"{combination.environment.name}.{combination.capability.name}"
-    return build_text(render_pair(combination, starts), name).mdp(reward=None)

@@ -107,8 +107,8 @@ def difference(
     force: options.Force = False,
 ) -> None:
     """Show how far a system is from the model base (the paper's eq:diff), and the nearest combination."""
-    from merap.concerns.synthesis import synthesise
-    from merap.families.build import MAX_TASKS, build_base, canonical
+    from merap.families.build import MAX_TASKS, build_base
+    from merap.families.models import explored
     from merap.mdp.difference import differences
 
     require_free_report(json, force=force)
@@ -116,8 +116,10 @@ def difference(
     combination = options.chosen_system(study, system)
     with job("Building models", min(study.size, MAX_TASKS)) as bar:
         base = build_base(study, on_model=bar.advance)
+    whole = explored(combination)
+    base = base.extended(whole)
     found = differences(
-        canonical(combination, synthesise(combination)),
+        base.index.place(whole),
         dict(zip(base.names, base.models, strict=True)),
         w1,
         w2,

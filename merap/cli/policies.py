@@ -14,6 +14,7 @@ from merap.errors import InputError
 
 if TYPE_CHECKING:
     from merap.concerns.combination import Combination
+    from merap.families.build import ModelBase
     from merap.learning.meta import MetaPolicy
     from merap.runs.run_folder import RunFolder
 
@@ -58,7 +59,7 @@ def export_policy(
         known = ", ".join(opened.case.systems) or "none, so name a combination"
         raise InputError(f"{option} needs a system; those of the case: {known}", source="--system")
     combination = None if system is None else opened.case.system(system)
-    meta = _policy(opened, combination, adapt_steps, episodes_per_step, seed)
+    meta, base = _policy(opened, combination, adapt_steps, episodes_per_step, seed)
     title = (
         f"{opened.case.name}: the meta policy"
         if combination is None
@@ -69,18 +70,20 @@ def export_policy(
             f"{counted(adapt_steps, 'gradient step')} of {counted(episodes_per_step, 'episode')}, seed {seed}"
         )
         title += steps if adapt_steps else "the meta policy"
-    write_bytes(out, _content(kind, opened, combination, meta, title), force=force)
+    write_bytes(out, _content(kind, opened, base, combination, meta, title), force=force)
     say(f"{title}; wrote {out}")
 
 
 def _policy(
     run: RunFolder, combination: Combination | None, adapt_steps: int, episodes_per_step: int, seed: int
-) -> MetaPolicy:
+) -> tuple[MetaPolicy, ModelBase]:
     if combination is None or not adapt_steps:
         from merap.runs.checkpoint import read_policy
-        from merap.runs.train import tasks_of
+        from merap.runs.run_folder import read_base
+        from merap.runs.train import batch_of
 
-        return read_policy(run, tasks_of(run))
+        base = read_base(run)
+        return read_policy(run, batch_of(base)), base
     from merap.strategies.adapted_policy import adapted_policy
 
     with job("Adapting", adapt_steps) as bar:
@@ -95,15 +98,18 @@ def _policy(
 
 
 def _content(
-    kind: PolicyFormat, run: RunFolder, combination: Combination | None, meta: MetaPolicy, title: str
+    kind: PolicyFormat,
+    run: RunFolder,
+    base: ModelBase,
+    combination: Combination | None,
+    meta: MetaPolicy,
+    title: str,
 ) -> bytes:
-    from merap.families.build import model_of
     from merap.runs import policy_export
-    from merap.runs.run_folder import read_tasks
 
     if combination is not None and kind is PolicyFormat.prism:
-        return policy_export.prism_text(meta, combination, title).encode()
-    table = policy_export.tabulate(meta, read_tasks(run) if combination is None else [model_of(combination)])
+        return policy_export.prism_text(meta, base, combination, title).encode()
+    table = policy_export.tabulate_on(meta, base, combination)
     if kind is PolicyFormat.npz:
         return policy_export.npz_bytes(table, run.case, title)
-    return policy_export.csv_text(table).encode()
+    return policy_export.csv_text(table, run.case).encode()

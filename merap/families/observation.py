@@ -18,11 +18,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from merap.concerns.space import Space
 from merap.errors import ModelError
-from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import MODE_VARIABLE
+from merap.mdp.reserved_names import COMPLETE_LABEL, MODE_VARIABLE
 from merap.program.form import Kind, StateVariable
 
 Scale = Literal["flag", "coordinate", "category"]
@@ -60,16 +58,6 @@ class VariableKind:
         return self.high - self.low + 1 if self.high > self.low else 0
 
 
-def case_kinds(space: Space, num_modes: int) -> tuple[VariableKind, ...]:
-    """Return the kinds of a case's variables: coordinates on a grid, else a location; then the mode."""
-    scale: Scale = "category" if space.shape is None else "coordinate"
-    highs = space.valuations.max(axis=0).tolist()
-    places = (
-        VariableKind(name, scale, 0, high) for name, high in zip(space.variable_names, highs, strict=True)
-    )
-    return (*places, VariableKind(MODE_VARIABLE, "category", 0, num_modes - 1))
-
-
 def variable_kind(variable: StateVariable) -> VariableKind:
     """Return the kind of a program's variable: a flag, a coordinate, or named things."""
     scales: dict[Kind, Scale] = {"bool": "flag", "int": "coordinate", "named": "category"}
@@ -83,7 +71,7 @@ def model_kinds(model: TabularMDP) -> tuple[VariableKind, ...]:
     without other values than 0 and 1 is a flag, unless it is called a row or column; the rest are
     coordinates.
     """
-    values = model.valuations[~_folded(model.valuations)]
+    values = model.valuations[~model.labels.get(COMPLETE_LABEL, np.zeros(model.num_states, dtype=np.bool_))]
     lows, highs = values.min(axis=0).tolist(), values.max(axis=0).tolist()
     return tuple(
         VariableKind(name, _scale(name, low, high), low, high)
@@ -98,36 +86,32 @@ def _scale(name: str, low: int, high: int) -> Scale:
     return "flag" if is_flag else "coordinate"
 
 
-def observation_features(kinds: Sequence[VariableKind], valuations: Ints) -> npt.NDArray[np.float32]:
+def observation_features(
+    kinds: Sequence[VariableKind], valuations: Ints, completed: Bools
+) -> npt.NDArray[np.float32]:
     """Return the factored observation of every state.
 
     Args:
         kinds: V kinds.
         valuations: int64 [S, V].
+        completed: bool [S], states whose valuations mean nothing.
 
     Returns:
         float32 [S, F], the features of one variable after those of another; 0 throughout for
-        the completed state, whose variables are all -1.
+        completed states.
 
     Raises:
         ModelError: a value is out of its variable's range; names it.
     """
     assert valuations.shape == (len(valuations), len(kinds)), (valuations.shape, len(kinds))
-    folded = _folded(valuations)
     columns = []
     for kind, values in zip(kinds, valuations.T, strict=True):
-        strange = np.flatnonzero(~folded & ((values < kind.low) | (values > kind.high)))
+        strange = np.flatnonzero(~completed & ((values < kind.low) | (values > kind.high)))
         if len(strange):
             raise ModelError(f"{kind.name} is {values[strange[0]]}, allowed is {kind.low}..{kind.high}")
         columns.append(_encoded(kind, values))
-    features = np.hstack(columns) * ~folded[:, np.newaxis]
+    features = np.hstack(columns) * ~completed[:, np.newaxis]
     return features.astype(np.float32)
-
-
-def _folded(valuations: Ints) -> Bools:
-    """Return bool [S], the absorbing state of a canonical index."""
-    folded: Bools = (valuations == ABSORBING_VALUE).all(axis=1)
-    return folded
 
 
 def _encoded(kind: VariableKind, values: Ints) -> Floats:

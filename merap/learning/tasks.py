@@ -1,4 +1,4 @@
-"""Tasks of one case side by side, as lists of branches on the canonical index.
+"""Tasks of one case side by side, as lists of branches on one index.
 
 Nothing is padded: memory is linear in the branches.
 
@@ -36,7 +36,7 @@ class TaskBranches(NamedTuple):
 class TaskBatch:
     """Several MDPs side by side.
 
-    The end of an episode is a continuation of 0. The completed state has no enabled action,
+    The end of an episode is a continuation of 0. Completed states have no enabled action,
     nor has a state that is unreachable in a task. Batches of some of the tasks share the branches' arrays.
 
     Attributes:
@@ -232,7 +232,7 @@ def task_batch(
     The reward of a branch is `branch_reward` where a model has it, else `choice_reward`.
 
     Args:
-        models: N canonical models: same states and actions, the last action is `end`, and
+        models: N models on one index: same states and actions, the last action is `end`, and
             the label `done` marks the completed states.
         horizon: T of all tasks, at least 1, or one for each.
         discount: in [0, 1].
@@ -264,17 +264,19 @@ def task_batch(
         horizon,
         discount,
         dtype,
-        torch.from_numpy(observation_features(kinds or model_kinds(models[0]), models[0].valuations)).to(
-            dtype
-        ),
+        _features(models[0], kinds or model_kinds(models[0])).to(dtype),
     )
+
+
+def _features(model: TabularMDP, kinds: Sequence[VariableKind]) -> Tensor:
+    return torch.from_numpy(observation_features(kinds, model.valuations, model.labels[COMPLETE_LABEL]))
 
 
 def _check_index(model: TabularMDP, first: TabularMDP, number: int) -> None:
     if model.action_names != first.action_names or model.action_names[-1] != END_ACTION:
         raise ModelError(f"model {number} has actions {model.action_names}, not those of the case and `end`")
     if model.variable_names != first.variable_names or not np.array_equal(model.valuations, first.valuations):
-        raise ModelError(f"model {number} has other states than model 0; models must be canonical")
+        raise ModelError(f"model {number} has other states than model 0; models must be on one index")
     if COMPLETE_LABEL not in model.labels:
         raise ModelError(f"model {number} has no label {COMPLETE_LABEL!r}")
 

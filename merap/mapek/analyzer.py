@@ -1,6 +1,6 @@
 """The analyzer: believes what the real domain is like, and notices when it has changed.
 
-Axes: S states of the canonical index (the completed state is the last), A declared actions, K as in
+Axes: S states of the index, A declared actions, K as in
 `belief.actions`.
 """
 
@@ -58,6 +58,7 @@ class Analyzer:
         forget: bool = True,
     ) -> None:
         self._space = space
+        self._believed = space.index.numbers_on(space.states)
         self._horizon = horizon
         self._updates = updates
         self._learned = 0.0
@@ -79,8 +80,8 @@ class Analyzer:
         return self._modelled[1]
 
     def tabular(self) -> TabularMDP:
-        """Return the model on the canonical index."""
-        return tabular(self._space, self.model, self._space.initial)
+        """Return the model on the index."""
+        return self._space.index.place(tabular(self._space, self.model, self._space.initial))
 
     def adopt_prior(self, space: HypothesisSpace) -> None:
         """Begin with the prior of these hypotheses, from the next re-planning on."""
@@ -196,21 +197,23 @@ class Analyzer:
 
     def _taken_in(self, belief: Belief, news: News) -> Belief:
         if isinstance(news, Transition):
-            step = ObservedStep(news.state, news.action, news.target, news.observation.reward)
+            state, target = self._believed[[news.state, news.target]].tolist()
+            step = ObservedStep(state, news.action, target, news.observation.reward)
             belief = observe_step(self._space, belief, step)
-            return observe_state(self._space, belief, news.target, news.observation)
-        return observe_state(self._space, belief, news.state, news.observation)
+            return observe_state(self._space, belief, target, news.observation)
+        return observe_state(self._space, belief, int(self._believed[news.state]), news.observation)
 
     def _whereabouts(self, monitored: Monitored) -> Floats:
         """Return float64 [S], where the system may be; the episode goes on unless its end was seen."""
-        completed = self._space.num_states
-        where = np.zeros(completed + 1)
+        space = self._space
         if monitored.state is not None:
-            where[monitored.state] = 1.0
-            return where
-        begin = self._space.initial if monitored.seen is None else np.eye(completed)[monitored.seen]
-        where[:-1] = _predicted(self.model, begin, monitored.since)
-        return where
+            return np.eye(1, space.index.num_states, monitored.state)[0]
+        begin = space.initial
+        if monitored.seen is not None:
+            begin = np.eye(1, space.num_states, self._believed[monitored.seen])[0]
+        where = np.append(_predicted(self.model, begin, monitored.since), 0.0)[:, np.newaxis]
+        whereabouts: Floats = space.outward(where, 0.0)[:, 0]
+        return whereabouts
 
 
 def _readings(forecast: Forecast, seen: Sequence[Transition]) -> list[Reading]:

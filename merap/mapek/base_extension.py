@@ -17,6 +17,7 @@ from merap.belief.posterior import Belief
 from merap.belief.prior_update import base_weight, likeliest, updated_prior
 from merap.belief.space import HypothesisSpace
 from merap.learning.meta import MetaPolicy
+from merap.learning.tasks import task_batch
 from merap.learning.training import meta_policy, updates
 from merap.mapek.learner import StrategyMaker
 from merap.mdp.model import TabularMDP
@@ -33,7 +34,7 @@ class BaseExtension:
 
     Attributes:
         name: name of the model.
-        model: canonical.
+        model: on the index.
         meta: the new meta policy.
         updates: outer updates that have led to it, those of the training run included.
         hypotheses: with the updated prior.
@@ -77,7 +78,7 @@ class BaseExtender:
         Args:
             episode: its last one.
             belief: the analyzer's.
-            model: model of the real domain, canonical.
+            model: model of the real domain, on the index.
         """
         space = self._context.hypotheses
         outside, found = 1 - base_weight(space, belief), likeliest(space, belief)
@@ -107,17 +108,24 @@ class BaseExtender:
         run = self._context.run
         config = run.config.model_copy(update={"updates": self._updates, "patience": 0})
         generator = np.random.default_rng([run.config.seed, len(self._added)])
-        tasks = self._context.batch(self._chosen(config.tasks_per_update, generator))
+        base = self._context.base
+        models, horizons = self._chosen(config.tasks_per_update, generator)
+        tasks = task_batch(models, horizons, base.discount, kinds=base.kinds)
         state = begun_from(self._context.meta, tasks, config)
         state.generator.manual_seed(int(generator.integers(2**63)))
         for _ in updates(tasks, config, state):
             pass
         return meta_policy(tasks, config, state)
 
-    def _chosen(self, size: int, generator: np.random.Generator) -> list[TabularMDP]:
-        """Return the models added last, at most half of the tasks of an update, and others of the base."""
-        added = self._added[-max(1, size // 2) :]
-        base = self._context.models
-        count = min(len(base), size - len(added))
-        drawn = generator.choice(len(base), count, replace=False)
-        return [*added, *(base[number] for number in drawn.tolist())]
+    def _chosen(self, size: int, generator: np.random.Generator) -> tuple[list[TabularMDP], list[int]]:
+        """Return the models added last, at most half of the tasks of an update, and others of the base.
+
+        Their horizons are with them; an added model has that of the system.
+        """
+        added, base = self._added[-max(1, size // 2) :], self._context.base
+        count = min(len(base.models), size - len(added))
+        drawn = generator.choice(len(base.models), count, replace=False).tolist()
+        return (
+            [*added, *(base.models[number] for number in drawn)],
+            [*[self._context.horizon] * len(added), *(base.horizons[number] for number in drawn)],
+        )

@@ -72,7 +72,9 @@ def make_components(
     of_system, of_sensors, of_learner, of_planner = drawn
     system = _managed_system(scenario, case, live, of_system)
     horizon = system.horizon
-    context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step)
+    context = StrategyContext(
+        run, horizon, case.discount, spec.strategy.episodes_per_step, met=system.models
+    )
     chosen = make_manager(manager, spec.strategy, context)
     restart = spec.strategy.replan_from == "meta"
     learner = Learner(chosen.make, of_learner, restart=restart)
@@ -84,9 +86,10 @@ def make_components(
     wrapped = wrap(system)
     recorded = RecordedSystem(history.episodes, wrapped) if history.episodes else wrapped
     return Components(
+        index=context.index,
         system=system,
         wrapped=wrapped,
-        monitor=Monitor(context.valuations, len(case.actions), Sensors(spec.sensing, of_sensors)),
+        monitor=Monitor(context.index, len(case.actions), Sensors(spec.sensing, of_sensors)),
         analyzer=Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart),
         shield=_shield(scenario, context.hypotheses, horizon),
         learner=learner,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from merap.mapek.scenario import Stage
+from merap.mdp.model import TabularMDP
 from merap.strategies.ground_truth import GroundTruth
 from merap.systems.interface import ManagedSystem
 
@@ -46,6 +47,10 @@ class InstrumentedSystem(ManagedSystem, Protocol):
     @property
     def stage(self) -> int:
         """The number of the stage in force."""
+
+    @property
+    def models(self) -> tuple[TabularMDP, ...]:
+        """The whole models of the systems that are met; empty: nobody knows."""
 
     @property
     def truth(self) -> GroundTruth | None:

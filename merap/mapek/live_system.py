@@ -9,6 +9,7 @@ from typing import Any
 from merap.errors import InputError, MerapError
 from merap.mapek.instrumented import Tally
 from merap.mapek.scenario import Stage
+from merap.mdp.model import TabularMDP
 from merap.systems.interface import ManagedSystem, Observation, SystemFault
 from merap.systems.retrying import Retries, RetryingSystem
 
@@ -51,6 +52,7 @@ class LiveSystem:
     """
 
     stages: tuple[Stage, ...] = ()
+    models: tuple[TabularMDP, ...] = ()
     stage = 0
     truth = None
 

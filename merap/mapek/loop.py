@@ -23,6 +23,7 @@ from merap.mapek.monitor import Monitor
 from merap.mapek.plain_analyzer import PlainAnalyzer
 from merap.mapek.planner import Planner
 from merap.mapek.records import Decision, EpisodeLog, Kind, Problem
+from merap.mdp.index import FamilyIndex
 from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.shield.learning_shield import Shield
 from merap.systems.deadline import DeadlineRunner
@@ -35,6 +36,7 @@ class Components:
     """The components of one loop.
 
     Attributes:
+        index: S states, of which the monitor and the policies speak.
         system: the system under control, with what the report asks of it.
         wrapped: the same, as the executor sees it after the recorded episodes.
         monitor: receives the answers of the system.
@@ -48,6 +50,7 @@ class Components:
         adapts: whether the policy is adapted before it is carried out.
     """
 
+    index: FamilyIndex
     system: InstrumentedSystem
     wrapped: ManagedSystem
     monitor: Monitor

@@ -7,16 +7,17 @@ Axes: S states, A declared actions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from merap.errors import InputError
+from merap.families.build import ModelBase
 from merap.mapek.learner import StrategyMaker
 from merap.mapek.scenario import Scenario
 from merap.mapek.scenario_schema import StrategySpec
-from merap.mdp.model import Bools, Floats, TabularMDP
+from merap.mdp.model import Bools, Floats
 from merap.mdp.planning import optimum, worst_value
 from merap.program.names import suggestion
 from merap.strategies.fixed import FixedStrategy, optimal_policy
@@ -95,18 +96,15 @@ class ReactiveStrategy:
     the model that is tried.
 
     Args:
-        names: names of the models.
-        models: models of the base, in the order in which they are tried.
+        base: the models, in the order in which they are tried.
         horizon: T.
         generator: draws its actions.
     """
 
     episodes_per_update = 1
 
-    def __init__(
-        self, names: Sequence[str], models: Sequence[TabularMDP], horizon: int, generator: np.random.Generator
-    ) -> None:
-        self._names, self._models = names, models
+    def __init__(self, base: ModelBase, horizon: int, generator: np.random.Generator) -> None:
+        self._base = base
         self._horizon = horizon
         self._generator = generator
         self._taken = 0
@@ -114,12 +112,12 @@ class ReactiveStrategy:
         self._take(0)
 
     def _take(self, number: int) -> None:
-        self._taken = number % len(self._models)
-        model = self._models[self._taken]
+        self._taken = number % len(self._base.models)
+        model = self._base.models[self._taken]
         best, worst = optimum(model, self._horizon), worst_value(model, self._horizon)
         self._content = worst + CONTENT * (best - worst)
         policy = optimal_policy(model, self._horizon)
-        self._fixed = FixedStrategy(policy, model.valuations, self._generator, self._names[self._taken])
+        self._fixed = FixedStrategy(policy, self._base.index, self._generator, self._base.names[self._taken])
 
     def begin(self, observation: Observation, time: int = 0, *, resumed: bool = False) -> None:
         """Begin an episode, or go on with it."""
@@ -148,7 +146,7 @@ class ReactiveStrategy:
     def explain(self) -> tuple[str, ...]:
         """Return the name of the model that is tried."""
         return (
-            f"the best policy for {self._names[self._taken]}; "
+            f"the best policy for {self._base.names[self._taken]}; "
             f"another is tried after a return below {self._content:.3g}",
         )
 
@@ -166,7 +164,7 @@ def _static(spec: StrategySpec, context: StrategyContext) -> Manager:
 
 
 def _random(spec: StrategySpec, context: StrategyContext) -> Manager:
-    shape = (len(context.valuations), len(context.run.case.actions))
+    shape = (context.index.num_states, len(context.run.case.actions))
 
     def make(generator: np.random.Generator) -> Strategy:
         return RandomStrategy(shape, generator)
@@ -176,7 +174,7 @@ def _random(spec: StrategySpec, context: StrategyContext) -> Manager:
 
 def _reactive(spec: StrategySpec, context: StrategyContext) -> Manager:
     def make(generator: np.random.Generator) -> Strategy:
-        return ReactiveStrategy(context.run.names, context.models, context.horizon, generator)
+        return ReactiveStrategy(context.base, context.horizon, generator)
 
     return Manager(make, None, False)
 

@@ -1,6 +1,6 @@
 """The monitor: receives what the sensors deliver, late or never, and says where the system is.
 
-Axes: A declared actions, S states of the canonical index, V state variables.
+Axes: A declared actions, S states of the index.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 from merap.errors import InputError
 from merap.mapek.messages import Execution, Monitored
 from merap.mapek.scenario_schema import SensingSpec
-from merap.mdp.model import Bools, Ints
+from merap.mdp.index import FamilyIndex
+from merap.mdp.model import Bools
 from merap.systems.interface import Observation
 from merap.systems.sightings import News, Sighting, Transition
 from merap.systems.strategy import StateIndex
@@ -69,13 +70,13 @@ class Monitor:
     """Follows an episode, though observations may be late, lost or missing.
 
     Args:
-        valuations: int64 [S, V], the canonical index; the completed state is the last.
+        index: S states.
         num_actions: A.
         sensors: between the system and here.
     """
 
-    def __init__(self, valuations: Ints, num_actions: int, sensors: Sensors) -> None:
-        self._index = StateIndex(valuations)
+    def __init__(self, index: FamilyIndex, num_actions: int, sensors: Sensors) -> None:
+        self._index = StateIndex(index)
         self._sensors = sensors
         self._enabled: Bools = np.ones(num_actions, dtype=np.bool_)
         self._episode = -1

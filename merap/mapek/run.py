@@ -180,7 +180,7 @@ def _course(
     gone = 0
     for number in range(len(history.episodes), episodes):
         components.system.begin(number)
-        row, log = _episode(components.system, loop)
+        row, log = _episode(components, loop)
         if store is not None:
             store.commit(log, row, components.system.snapshot())
         yield row, log.seconds
@@ -210,12 +210,13 @@ def _require_same(log: EpisodeLog, recorded: RecordedEpisode) -> None:
         )
 
 
-def _episode(system: InstrumentedSystem, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
+def _episode(components: Components, loop: Loop) -> tuple[EpisodeRow, EpisodeLog]:
     """Run one episode; return its row of the report and its log."""
+    system = components.system
     before, stage = loop.table, system.stage
     log = loop.episode()
     truth, tally = system.truth, system.tally
-    entered = None if truth is None or system.stage == stage else truth.value(before)
+    entered = None if truth is None or system.stage == stage else truth.value(before, components.index)
     return (
         EpisodeRow(
             episode=log.episode,
@@ -226,7 +227,7 @@ def _episode(system: InstrumentedSystem, loop: Loop) -> tuple[EpisodeRow, Episod
             discounted=tally.discounted,
             optimum=None if truth is None else truth.reachable.optimum,
             discounted_optimum=None if truth is None else truth.discounted_optimum,
-            expected=None if truth is None else truth.value(loop.table),
+            expected=None if truth is None else truth.value(loop.table, components.index),
             entered=entered,
             unsafe=tally.unsafe,
             completed=tally.completed,

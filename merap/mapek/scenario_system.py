@@ -14,6 +14,7 @@ from merap.errors import InputError
 from merap.mapek.instrumented import Tally
 from merap.mapek.scenario import Moment, Stage
 from merap.mapek.scenario_schema import NoiseSpec
+from merap.mdp.model import TabularMDP
 from merap.strategies.ground_truth import GroundTruth, ground_truth
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
@@ -78,6 +79,11 @@ class ScenarioSystem:
     def horizon(self) -> int:
         """Steps of an episode."""
         return self._truths[0].horizon
+
+    @property
+    def models(self) -> tuple[TabularMDP, ...]:
+        """The whole models of the systems that are met, as they really are."""
+        return tuple(truth.whole for truth in self._truths)
 
     @property
     def stage(self) -> int:

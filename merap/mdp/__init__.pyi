@@ -1,6 +1,5 @@
 from .assembly import Branches as Branches
 from .assembly import assemble as assemble
-from .canonical import canonicalise as canonicalise
 from .chain import induced_chain as induced_chain
 from .chain import write_induced_chain as write_induced_chain
 from .comparison import Comparison as Comparison
@@ -18,6 +17,8 @@ from .gymnasium_env import register_mdp as register_mdp
 from .gymnasium_import import import_gymnasium as import_gymnasium
 from .gymnasium_import import import_table as import_table
 from .gymnasium_vector import MDPVectorEnv as MDPVectorEnv
+from .index import FamilyIndex as FamilyIndex
+from .index import new_index as new_index
 from .model import TabularMDP as TabularMDP
 from .planning import DiscountedPlan as DiscountedPlan
 from .planning import FiniteHorizonPlan as FiniteHorizonPlan

@@ -11,14 +11,9 @@ from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
 
 def complete_states(model: TabularMDP) -> Bools:
-    """Return bool [S], the states labelled `done`.
-
-    Raises:
-        ModelError: there is no such label.
-    """
+    """Return bool [S], the states labelled `done`; none if there is no such label."""
     if COMPLETE_LABEL not in model.labels:
-        known = ", ".join(model.labels) or "none"
-        raise ModelError(f"the model has no label {COMPLETE_LABEL!r}, only {known}")
+        return np.zeros(model.num_states, dtype=np.bool_)
     return model.labels[COMPLETE_LABEL]
 
 

@@ -1,4 +1,4 @@
-"""Import Gymnasium environments that have a table `P` as models in canonical form.
+"""Import Gymnasium environments that have a table `P` as models with one completed state.
 
 Axes: S states of the table, B branches.
 """
@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from merap.errors import InputError
 from merap.mdp.assembly import Branches, assemble
-from merap.mdp.canonical import ABSORBING_VALUE
 from merap.mdp.graph import reachable_along
 from merap.mdp.gymnasium_spaces import changing_wrapper, gymnasium
 from merap.mdp.gymnasium_toy_text import TableNames, names_of, numbered_names
+from merap.mdp.index import values_below
 from merap.mdp.model import ROW_SUM_TOLERANCE, Bools, Floats, Ints, TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION
 
@@ -57,7 +57,7 @@ def import_gymnasium(env: str | gymnasium.Env[Any, Any], **kwargs: Any) -> Tabul
 
 
 def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None = None) -> TabularMDP:
-    """Import a transition table as a model in canonical form.
+    """Import a transition table as a model with one completed state.
 
     After the states of the table stands one absorbing state, `done`, with the action `end`;
     branches flagged as terminated lead there (only these: an unflagged one into the same
@@ -90,7 +90,7 @@ def import_table(table: Table, initial: npt.ArrayLike, names: TableNames | None 
             **{name: np.append(mask, False) for name, mask in names.labels.items()},
             COMPLETE_LABEL: np.arange(num_states + 1) == num_states,
         },
-        valuations=np.pad(names.valuations, ((0, 1), (0, 0)), constant_values=ABSORBING_VALUE),
+        valuations=np.vstack([names.valuations, values_below(names.valuations, 1)]),
         variable_names=names.variable_names,
         action_names=(*names.action_names, END_ACTION),
     )

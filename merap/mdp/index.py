@@ -11,13 +11,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from merap.errors import ModelError
 from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.completion import complete_states, label_sets, require_closed
 from merap.mdp.csr import pointers_of
 from merap.mdp.matching import first_repeat, match_rows
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.model import Bools, Ints, TabularMDP
+from merap.mdp.placement import placed_branches
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, FLAG_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 
@@ -73,15 +75,16 @@ class FamilyIndex(ShortRepr):
         Raises:
             ModelError: a variable or label is missing, or a complete state does anything but `end`.
         """
-        sets, rows = dict.fromkeys(self.completed), [self.valuations[:0]]
+        sets: dict[frozenset[str], None] = {}
+        rows = [self.valuations[:0]]
         for model in models:
             complete = complete_states(model)
-            sets |= dict.fromkeys(label_sets(model, np.flatnonzero(complete & model.reachable))[0])
+            found, _ = label_sets(model, np.flatnonzero(complete & model.reachable))
+            sets |= {one: None for one in found if self._completed(one, model.labels) is None}
             rows.append(self._aligned(model, np.flatnonzero(model.reachable & ~complete)))
         known = self.valuations[~self.is_completed]
-        found = np.unique(np.concatenate(rows), axis=0)
-        new_rows = found[match_rows(found, known) < 0]
-        return self._with(sorted(sets.keys() - self.completed.keys(), key=_order), new_rows)
+        distinct = np.unique(np.concatenate(rows), axis=0)
+        return self._with(sorted(sets, key=_order), distinct[match_rows(distinct, known) < 0])
 
     def with_valuations(self, valuations: Ints) -> FamilyIndex:
         """Return the index with some valuations, int64 [M, V]; those that it lacks are appended, rising."""
@@ -116,12 +119,29 @@ class FamilyIndex(ShortRepr):
         row[states] = self._number_of_valuations(model, states)
         ended = np.flatnonzero(model.reachable & complete)
         sets, which = label_sets(model, ended)
-        for one in sets:
-            if one not in self.completed:
-                labels = ", ".join(sorted(one)) or "none"
-                raise ModelError(f"the index has no completed state with the labels: {labels}")
-        row[ended] = np.array([self.completed[one] for one in sets], dtype=np.int64)[which]
+        numbers = [self._completed(one, model.labels) for one in sets]
+        if None in numbers:
+            labels = ", ".join(sorted(sets[numbers.index(None)])) or "none"
+            raise ModelError(f"the index has no completed state with the labels: {labels}")
+        row[ended] = np.array(numbers, dtype=np.int64)[which]
         return row
+
+    def _completed(self, labels: frozenset[str], known: Iterable[str]) -> int | None:
+        """Return the first completed state that has some labels, of the known ones; None: there is none."""
+        every = frozenset(known)
+        return min((number for one, number in self.completed.items() if one & every == labels), default=None)
+
+    def numbers_on(self, other: FamilyIndex) -> Ints:
+        """int64 [S], the number of each state on another index; -1 where that lacks it."""
+        numbers = np.full(self.num_states, -1)
+        valued, theirs = np.flatnonzero(~self.is_completed), np.flatnonzero(~other.is_completed)
+        place = match_rows(self.valuations[valued], other.valuations[theirs])
+        numbers[valued] = np.where(place < 0, -1, theirs[place] if len(theirs) else -1)
+        every = frozenset().union(*self.completed)
+        for one, number in self.completed.items():
+            there = other._completed(one & frozenset().union(*other.completed), every)
+            numbers[number] = -1 if there is None else there
+        return numbers
 
     def _number_of_valuations(self, model: TabularMDP, states: Ints) -> Ints:
         valued = np.flatnonzero(~self.is_completed)
@@ -172,7 +192,7 @@ class FamilyIndex(ShortRepr):
         order = np.lexsort((actions, of_choices))
         rewards = np.concatenate([model.choice_reward[choices], np.zeros(len(ends))])
         return TabularMDP(
-            **self._branches(model, choices, order, row),
+            **placed_branches(model, choices, order, row, ends, self.num_states),
             state_to_choice=pointers_of(np.bincount(of_choices, minlength=self.num_states)),
             choice_action=actions[order],
             choice_reward=rewards[order],
@@ -194,43 +214,6 @@ class FamilyIndex(ShortRepr):
             choice = model.describe_choice(int(unknown[0]))
             raise ModelError(f"{choice}: the case declares only {', '.join(self.actions)}")
         return action
-
-    def _branches(self, model: TabularMDP, choices: Ints, order: Ints, row: Ints) -> dict[str, Any]:
-        """Build pointers and branches.
-
-        Args:
-            model: the model.
-            choices: int64, its choices that are kept.
-            order: int64, of these choices and of `end` in each completed state behind them.
-            row: int64 [S'], the number of each state.
-        """
-        ends, size = self.completed_rows, self.num_states
-        position = np.empty(len(order), dtype=np.int64)
-        position[order] = np.arange(len(order))
-        place = np.full(model.num_choices, -1)
-        place[choices] = position[: len(choices)]
-        branches = np.flatnonzero(place[model.branch_choice] >= 0)
-        key = np.concatenate(
-            [
-                place[model.branch_choice[branches]] * size + row[model.branch_target[branches]],
-                position[len(choices) :] * size + ends,
-            ]
-        )
-        sorting = np.argsort(key, kind="stable")
-        key = key[sorting]
-        first = np.flatnonzero(np.diff(key, prepend=-1))
-        prob = np.concatenate([model.branch_prob[branches], np.ones(len(ends))])[sorting]
-        total = _sums(prob, first)
-        arrays = {
-            "choice_to_branch": pointers_of(np.bincount(key[first] // size, minlength=len(order))),
-            "branch_target": key[first] % size,
-            "branch_prob": total,
-        }
-        if model.branch_reward is not None:
-            reward = np.concatenate([model.branch_reward[branches], np.zeros(len(ends))])[sorting]
-            alone = np.diff(first, append=len(key)) == 1
-            arrays["branch_reward"] = np.where(alone, reward[first], _sums(prob * reward, first) / total)
-        return arrays
 
     def _labels(self, model: TabularMDP, row: Ints, kept: Bools) -> dict[str, Bools]:
         labels = {}
@@ -259,6 +242,26 @@ def new_index(
     return index._with(label_sets, empty if valuations is None else valuations)
 
 
+def carried(
+    table: npt.NDArray[Any], source: FamilyIndex, target: FamilyIndex, missing: Any
+) -> npt.NDArray[Any]:
+    """Return a table of the states of one index for those of another one.
+
+    Args:
+        table: [.., S, A].
+        source: S states.
+        target: S' states.
+        missing: the entries of states that `source` lacks.
+
+    Returns:
+        [.., S', A].
+    """
+    numbers = target.numbers_on(source)
+    found = table[..., numbers, :]
+    found[..., numbers < 0, :] = missing
+    return found
+
+
 def values_below(valuations: Ints, count: int) -> Ints:
     """int64 [count, V], distinct values below those of all valuations [S, V] and below 0."""
     below: Ints = valuations.min(axis=0, initial=0) - 1 - np.arange(count)[:, np.newaxis]
@@ -267,12 +270,6 @@ def values_below(valuations: Ints, count: int) -> Ints:
 
 def _order(labels: frozenset[str]) -> tuple[int, list[str]]:
     return len(labels), sorted(labels)
-
-
-def _sums(values: Floats, first: Ints) -> Floats:
-    """Sum the runs of `values` that begin at `first`."""
-    sums: Floats = np.add.reduceat(values, first) if len(first) else np.zeros(0)
-    return sums
 
 
 def _marked(rows: Ints, size: int) -> Bools:

@@ -10,39 +10,40 @@ from fractions import Fraction
 
 import numpy as np
 
-from merap.concerns.combination import DeclaredCombination
-from merap.concerns.space import Space
 from merap.mdp.alignment import align_variables
-from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE, MODE_VARIABLE
+from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.prism.engine_text import EngineText, text_of
 from merap.prism.lines import CommandLine
 from merap.prism.location_tree import location_tree
 from merap.prism.program_text import ProgramWriter
 from merap.prism.reward_text import rewards_text
 from merap.prism.templates import fill_in
-from merap.program.expressions import Constant
-from merap.program.form import Program
+from merap.program.expressions import Constant, Expression
+from merap.program.form import Program, StateVariable
 
 # Decimals of a probability. Engines take their nearest double; exact ones see rows that sum to 1.
 _DECIMALS = 15
 
 
-def policy_text(combination: DeclaredCombination, program: Program, chain: TabularMDP, title: str) -> str:
+def policy_text(program: Program, digest: str, chain: TabularMDP, title: str) -> str:
     """Return the text of a chain.
 
     Args:
-        combination: whose locations and modes its states have.
-        program: of the combination.
+        program: whose variables its states have.
+        digest: of the sources of the program.
         chain: one choice for each state, all reachable.
         title: a line of comment.
     """
     writer = ProgramWriter(program)
     shifted = rewards_text(program, EngineText(program))[1]
-    states, payments = _steps(combination, chain)
+    names = tuple(one.name for one in program.variables)
+    valuations = align_variables(chain, names)
+    going = np.flatnonzero(~chain.labels[COMPLETE_LABEL])
+    going = going[np.lexsort(valuations[going].T[::-1])]
+    complete = writer.text.truth(program.labels[COMPLETE_LABEL])
     sections = {
-        "complete": writer.text.truth(program.labels[COMPLETE_LABEL]),
+        "complete": complete,
         "labels": writer.labels(),
         "variables": [line for process in program.processes for line in writer.lines(process)],
         "initial": writer.initial(),
@@ -50,59 +51,77 @@ def policy_text(combination: DeclaredCombination, program: Program, chain: Tabul
     return fill_in(
         "policy.prism.j2",
         title=title,
-        combination=combination,
-        start_key=[] if not sections["initial"] else _start_key(combination),
+        digest=digest,
+        start_key=_start_key(program, chain, valuations) if sections["initial"] else [],
         formulas=writer.text.take(),
-        states=states,
-        payments=payments,
+        states=_commands(program, chain, valuations, going),
+        payments=_payments(program, valuations[going], chain.choice_reward[going], complete),
         shifted=shifted,
         **sections,
     )
 
 
-def _start_key(combination: DeclaredCombination) -> list[str]:
+def _start_key(program: Program, chain: TabularMDP, valuations: Ints) -> list[str]:
     """The weights of several initial states, which the language has no place for."""
-    space, start = combination.space, combination.objective.start
+    starts = np.flatnonzero(chain.initial)
+    differs = np.ptp(valuations[starts], axis=0) > 0
+    own = [(one, place) for place, one in enumerate(program.variables) if differs[place]]
     return [
-        f"starts with probability {float(start[place])!r} at {space.locations[place]}"
-        for place in np.flatnonzero(start).tolist()
+        f"starts with probability {float(chain.initial[start])!r} at "
+        + ", ".join(f"{one.name}={one.text(int(valuations[start, place]))}" for one, place in own)
+        for start in starts[np.lexsort(valuations[starts].T[::-1])].tolist()
     ]
 
 
-def _steps(
-    combination: DeclaredCombination, chain: TabularMDP
-) -> tuple[list[CommandLine], list[tuple[int, str]]]:
-    """Return a command for each state that isn't complete; and by mode the reward of a step in it."""
-    space = combination.space
-    names = (*space.variable_names, MODE_VARIABLE, FLAG_VARIABLE)
-    valuations = align_variables(chain, names)
+def _commands(program: Program, chain: TabularMDP, valuations: Ints, going: Ints) -> list[CommandLine]:
+    """Return a command for each state that isn't complete."""
     shares = decimal_shares(chain)
-    going = np.flatnonzero(~chain.labels[COMPLETE_LABEL])
-    going = going[np.lexsort(valuations[going].T[::-1])]
-    commands = [
+    return [
         CommandLine(
             action="",
-            guard=" & ".join(map(_is, names, valuations[state].tolist())),
-            updates=_updates(chain, state, shares, names, valuations),
+            guard=" & ".join(map(_is, program.variables, valuations[state].tolist())),
+            updates=_updates(chain, state, shares, program.variables, valuations),
         )
         for state in going.tolist()
     ]
-    place = match_rows(valuations[going][:, : len(space.variable_names)], space.valuations)
-    return commands, _payments(space, place, valuations[going][:, -2], chain.choice_reward[going])
 
 
-def _payments(space: Space, place: Ints, mode: Ints, reward: Floats) -> list[tuple[int, str]]:
-    """Return mode and expected reward by location; where there is no state, the commonest reward."""
+def _payments(program: Program, valuations: Ints, reward: Floats, complete: str) -> list[tuple[str, str]]:
+    """Return conditions on the variables beside the location and the flag, and what a step earns there.
+
+    That is a tree over the location; where there is no state, it is the commonest reward.
+
+    Args:
+        program: of the states.
+        valuations: int64 [N, V], states that are not complete.
+        reward: float64 [N].
+        complete: text that holds in complete states.
+    """
+    own = [place for place, one in enumerate(program.variables) if one.name in program.location]
+    rest = [
+        place for place, one in enumerate(program.variables) if place not in own and one.name != FLAG_VARIABLE
+    ]
+    groups, group = np.unique(valuations[:, rest], axis=0, return_inverse=True)
     payments = []
-    for number in np.unique(mode).tolist():
-        there = mode == number
-        values, index = np.unique([_decimal(value) for value in reward[there].tolist()], return_inverse=True)
-        by_location = np.full(space.num_locations, np.bincount(index).argmax())
-        by_location[place[there]] = index
-        lows, leaves = [0] * len(space.variable_names), [Constant(value) for value in values.tolist()]
-        window = by_location.reshape(space.shape or (1, -1))
-        payments.append((number, text_of(location_tree(space.variable_names, lows, window, leaves))))
+    for number, values in enumerate(groups.tolist()):
+        there = np.flatnonzero(group == number)
+        terms = (_is(program.variables[place], value) for place, value in zip(rest, values, strict=True))
+        where = " & ".join([*terms, f"!{complete}"])
+        places = [program.variables[place] for place in own]
+        payments.append((where, text_of(_by_location(places, valuations[there][:, own], reward[there]))))
     return payments
+
+
+def _by_location(places: Sequence[StateVariable], valuations: Ints, reward: Floats) -> Expression:
+    """Return the reward, by the location variables."""
+    values, index = np.unique([_decimal(value) for value in reward.tolist()], return_inverse=True)
+    leaves = [Constant(value) for value in values.tolist()]
+    if len(leaves) == 1:
+        return leaves[0]
+    window = np.full([one.size for one in places], np.bincount(index).argmax())
+    lows = [one.low for one in places]
+    window[tuple((valuations - lows).T)] = index
+    return location_tree([one.name for one in places], lows, window.reshape((-1, window.shape[-1])), leaves)
 
 
 def decimal_shares(chain: TabularMDP) -> Ints:
@@ -118,16 +137,18 @@ def decimal_shares(chain: TabularMDP) -> Ints:
     return shares
 
 
-def _is(name: str, value: int) -> str:
-    if name == FLAG_VARIABLE:
-        return name if value else f"!{name}"
-    return f"{name}={value}"
+def _is(variable: StateVariable, value: int) -> str:
+    if variable.kind == "bool":
+        return variable.name if value else f"!{variable.name}"
+    return f"{variable.name}={value}"
 
 
-def _updates(chain: TabularMDP, state: int, shares: Ints, names: Sequence[str], valuations: Ints) -> str:
+def _updates(
+    chain: TabularMDP, state: int, shares: Ints, variables: Sequence[StateVariable], valuations: Ints
+) -> str:
     branches = range(chain.choice_to_branch[state], chain.choice_to_branch[state + 1])
     texts = {
-        branch: _update(names, valuations[state], valuations[chain.branch_target[branch]])
+        branch: _update(variables, valuations[state], valuations[chain.branch_target[branch]])
         for branch in branches
         if shares[branch]
     }
@@ -136,17 +157,17 @@ def _updates(chain: TabularMDP, state: int, shares: Ints, names: Sequence[str], 
     return " + ".join(f"{_share(shares[branch])} : {text}" for branch, text in texts.items())
 
 
-def _update(names: Sequence[str], before: Ints, after: Ints) -> str:
+def _update(variables: Sequence[StateVariable], before: Ints, after: Ints) -> str:
     changes = [
-        f"({name}'={_value(name, new)})"
-        for name, old, new in zip(names, before.tolist(), after.tolist(), strict=True)
+        f"({one.name}'={_value(one, new)})"
+        for one, old, new in zip(variables, before.tolist(), after.tolist(), strict=True)
         if old != new
     ]
     return " & ".join(changes) or "true"
 
 
-def _value(name: str, value: int) -> str:
-    if name == FLAG_VARIABLE:
+def _value(variable: StateVariable, value: int) -> str:
+    if variable.kind == "bool":
         return "true" if value else "false"
     return str(value)
 

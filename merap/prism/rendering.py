@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from merap.concerns.combination import Combination
-from merap.concerns.composition import compose, compose_pair
 from merap.concerns.lookup import as_combination
-from merap.mdp.model import Bools, TabularMDP
+from merap.mdp.model import TabularMDP
 from merap.prism.policy_text import policy_text
 from merap.prism.program_text import render_program
 
@@ -19,22 +18,11 @@ def render(combination: Combination) -> str:
         InputError: it is no combination.
     """
     as_combination(combination)
-    return render_program(combination.program, _header(combination.name, combination))
+    return render_program(combination.program, _header(combination))
 
 
-def render_pair(combination: Combination, starts: Bools) -> str:
-    """The PRISM model of environment and capability alone, for every objective to be attached to.
-
-    Args:
-        combination: whose environment and capability are rendered; its objective is not.
-        starts: bool [P], all locations an episode may begin in under any objective.
-    """
-    program = compose_pair(combination, starts)
-    return render_program(program, _header(program.name, combination))
-
-
-def _header(name: str, combination: Combination) -> tuple[str, ...]:
-    return name, f"sources: {combination.digest}"
+def _header(combination: Combination) -> tuple[str, ...]:
+    return combination.name, f"sources: {combination.digest}"
 
 
 def render_policy(combination: Combination, chain: TabularMDP, title: str) -> str:
@@ -47,4 +35,4 @@ def render_policy(combination: Combination, chain: TabularMDP, title: str) -> st
         title: one line that says which policy it is.
     """
     assert "\n" not in title, title
-    return policy_text(combination, compose(combination), chain, title)
+    return policy_text(combination.program, combination.digest, chain, title)

@@ -1,7 +1,6 @@
 """Policies to take away: as tables that need no torch, and as PRISM text that needs nothing of ours.
 
-Axes: S states of the canonical index (the completed state is the last), A declared actions, V state
-variables.
+Axes: S states of the index, A declared actions, V state variables.
 """
 
 from __future__ import annotations
@@ -14,19 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
-from merap.families.build import canonical
-from merap.learning.meta import MetaPolicy
+from merap.families.build import ModelBase
+from merap.families.models import built
+from merap.learning.meta import MetaPolicy, on_index
 from merap.learning.policy import action_logits, log_policy
-from merap.mdp.alignment import align_actions, align_variables
+from merap.mdp.alignment import align_actions
 from merap.mdp.chain import induced_chain
 from merap.mdp.graph import restrict_to_reachable
-from merap.mdp.matching import match_rows
+from merap.mdp.index import FamilyIndex
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
 from merap.prism.rendering import render_policy
+from merap.program.form import StateVariable
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class PolicyTable:
 
     Attributes:
         variable_names: V names.
-        valuations: int64 [S, V]; the completed state's are -1.
+        valuations: int64 [S, V]; those of completed states mean nothing.
         action_names: A names.
         enabled: bool [S, A], the actions that were possible.
         logits: float64 [S, A], of all actions: their softmax over the enabled ones is the policy.
@@ -57,7 +56,7 @@ class PolicyTable:
 
     @property
     def with_end(self) -> Floats:
-        """float64 [S, A + 1], the probabilities with those of `end`, for models on the canonical index."""
+        """float64 [S, A + 1], the probabilities with those of `end`, for models on the index."""
         return np.column_stack([self.probabilities, ~self.acting])
 
 
@@ -66,7 +65,7 @@ def tabulate(meta: MetaPolicy, models: Sequence[TabularMDP]) -> PolicyTable:
 
     Args:
         meta: the policy and its network.
-        models: canonical models of one case; an action counts as enabled if it is in one of them.
+        models: on one index; an action counts as enabled if it is in one of them.
     """
     first = models[0]
     enabled: Bools = np.any([model.enabled[:, :-1] for model in models], axis=0)
@@ -83,21 +82,47 @@ def tabulate(meta: MetaPolicy, models: Sequence[TabularMDP]) -> PolicyTable:
     )
 
 
-def csv_text(table: PolicyTable) -> str:
+def tabulate_on(meta: MetaPolicy, base: ModelBase, system: Combination | None = None) -> PolicyTable:
+    """Return a policy as a table for a system; None: for all tasks of its base.
+
+    Raises:
+        ModelError: the system's model is unsound.
+        EngineError: Storm failed.
+    """
+    if system is None:
+        return tabulate(meta, base.models)
+    return _on_system(meta, base, built(system))[0]
+
+
+def _on_system(meta: MetaPolicy, base: ModelBase, whole: TabularMDP) -> tuple[PolicyTable, FamilyIndex]:
+    index = base.index.extended(whole)
+    return tabulate(on_index(meta, base.index, index, base.kinds), [index.place(whole)]), index
+
+
+def csv_text(table: PolicyTable, case: CaseStudy) -> str:
     """Return a row for each state with an action: its variables, then each action's probability."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([*table.variable_names, *table.action_names])
+    variables = _variables(table, case)
     rows = zip(
         table.valuations[table.acting].tolist(), table.probabilities[table.acting].tolist(), strict=True
     )
-    writer.writerows([*valuation, *shares] for valuation, shares in rows)
+    for valuation, shares in rows:
+        shown = (one.text(value) for one, value in zip(variables, valuation, strict=True))
+        writer.writerow([*shown, *shares])
     return stream.getvalue()
+
+
+def _variables(table: PolicyTable, case: CaseStudy) -> list[StateVariable]:
+    by_name = {one.name: one for one in case.combination_at(0).program.variables}
+    return [by_name[name] for name in table.variable_names]
 
 
 def npz_bytes(table: PolicyTable, case: CaseStudy, title: str) -> bytes:
     """Return the same rows as arrays that `numpy.load` reads; see docs/policies.md for their names."""
     stream = io.BytesIO()
+    named = [one for one in _variables(table, case) if one.kind == "named"]
     np.savez(
         stream,
         title=title,
@@ -105,21 +130,22 @@ def npz_bytes(table: PolicyTable, case: CaseStudy, title: str) -> bytes:
         digest=case.digest,
         variables=np.array(table.variable_names),
         actions=np.array(table.action_names),
-        locations=np.array(case.space.locations),
-        modes=np.array(case.modes),
         valuations=table.valuations[table.acting],
         enabled=table.enabled[table.acting],
         logits=table.logits[table.acting],
         probabilities=table.probabilities[table.acting],
+        allow_pickle=False,
+        **{f"values_{one.name}": np.array(one.values) for one in named},
     )
     return stream.getvalue()
 
 
-def prism_text(meta: MetaPolicy, system: Combination, title: str) -> str:
+def prism_text(meta: MetaPolicy, base: ModelBase, system: Combination, title: str) -> str:
     """Return the Markov chain that a policy makes of a system; see `render_policy`.
 
     Args:
         meta: the policy and its network.
+        base: that it was learned for.
         system: a combination of the case, or a system that is met.
         title: one line that says which policy it is.
 
@@ -127,18 +153,9 @@ def prism_text(meta: MetaPolicy, system: Combination, title: str) -> str:
         ModelError: the system's model is unsound.
         EngineError: Storm failed.
     """
-    whole = build_combination(system).mdp
-    table = tabulate(meta, [canonical(system, whole)])
-    chain = induced_chain(whole, _on_whole(whole, table))
-    return render_policy(system, restrict_to_reachable(chain), title)
-
-
-def _on_whole(whole: TabularMDP, table: PolicyTable) -> Floats:
-    """Return float64 [S', A'], the policy on a whole model of Storm's, matched by valuation and name."""
-    columns = align_variables(whole, (*table.variable_names, FLAG_VARIABLE))[:, :-1]
-    row = match_rows(columns, table.valuations)
-    row[whole.labels[COMPLETE_LABEL]] = len(table.valuations) - 1
+    whole = built(system)
+    table, index = _on_system(meta, base, whole)
     column = align_actions(whole, table.action_names)
     column[column < 0] = len(table.action_names)  # `end`
-    policy: Floats = table.with_end[row[:, np.newaxis], column]
-    return policy
+    policy: Floats = table.with_end[index.number(whole)[:, np.newaxis], column]
+    return render_policy(system, restrict_to_reachable(induced_chain(whole, policy)), title)

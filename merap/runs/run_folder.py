@@ -3,6 +3,7 @@
     manifest.json             kind, settings, versions, digest of the case
     case.yaml                 the case as one file
     base/<combination>.umb    the tasks, as Storm and other checkers read them
+    base/index.npz            the numbers of their states
     start.safetensors         what training begins with, if that is another run's policy
     policy.safetensors        parameters, step sizes, advantages' variance
     checkpoint.safetensors    the state of training: also optimizer and generator
@@ -19,7 +20,7 @@ from __future__ import annotations
 import json
 import platform
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from os import PathLike
@@ -28,25 +29,19 @@ from typing import Any
 
 from merap.concerns.arguments import as_path
 from merap.concerns.case_study import CaseStudy
-from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError, OutputError
 from merap.families.build import ModelBase
 from merap.families.folder import MANIFEST, require_unchanged, result_folder, write_manifest
 from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
-from merap.mdp.canonical import canonicalise
-from merap.mdp.graph import restrict_to_reachable
-from merap.mdp.model import TabularMDP
-from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
-from merap.mdp.umb import read_umb, write_umb
+from merap.runs.base_files import INDEX_FILE, archive_of, read_index, read_models, write_base
 
 KIND = "merap training run"
 # What stands in a run folder, and how; another version's is refused.
-FORMAT = 2
+FORMAT = 3
 CASE_FILE = "case.yaml"
 START_FILE = "start.safetensors"
-BASE_FOLDER = "base"
 # Number of tasks that a warning names.
 MOST_NAMED = 5
 PACKAGES = ("merap", "torch", "stormpy", "numpy")
@@ -61,6 +56,7 @@ class RunFolder(ShortRepr):
         case: the case it was trained for.
         config: its settings.
         names: of the N tasks, in order.
+        horizons: N numbers of steps of an episode.
         cut_off: names of the tasks that can't reach their goal within the horizon.
     """
 
@@ -68,6 +64,7 @@ class RunFolder(ShortRepr):
     case: CaseStudy
     config: TrainingConfig
     names: tuple[str, ...]
+    horizons: tuple[int, ...]
     cut_off: tuple[str, ...] = ()
 
     @property
@@ -79,8 +76,8 @@ class RunFolder(ShortRepr):
         who = "no task" if count == of_all else f"not every task ({of_all - count} of {of_all})"
         named = ", ".join(self.cut_off[:MOST_NAMED])
         rest = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""
-        horizon = self.case.combination_at(0).objective.horizon
-        return (f"{who} can reach its goal within {horizon} steps; cut off: {named}{rest}",)
+        within = f"{self.horizons[0]} steps" if len(set(self.horizons)) == 1 else "its horizon"
+        return (f"{who} can reach its goal within {within}; cut off: {named}{rest}",)
 
 
 def resume_command(path: Path) -> str:
@@ -132,11 +129,7 @@ def create_run(
     require_free(path)
     with result_folder(path, KIND) as staging:
         (staging / CASE_FILE).write_bytes(case.standalone)
-        (staging / BASE_FOLDER).mkdir()
-        files = [CASE_FILE]
-        for name, model in zip(base.names, base.models, strict=True):
-            files.append(f"{BASE_FOLDER}/{name}.umb")
-            write_umb(restrict_to_reachable(model), staging / files[-1])
+        files = [CASE_FILE, *write_base(staging, base)]
         if start is not None:
             (staging / START_FILE).write_bytes(start.policy)
             files.append(START_FILE)
@@ -146,6 +139,7 @@ def create_run(
             "digest": case.digest,
             "config": config.model_dump(mode="json"),
             "tasks": list(base.names),
+            "horizons": list(base.horizons),
             "begun_from": None if start is None else {"case": start.case, "digest": start.digest},
             "covered": base.covered,
             "compared": base.compared,
@@ -153,7 +147,7 @@ def create_run(
             "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
         }
         write_manifest(staging, KIND, content, files)
-    return RunFolder(path, case, config, base.names, base.cut_off)
+    return RunFolder(path, case, config, base.names, base.horizons, base.cut_off)
 
 
 def as_run(value: RunFolder | str | PathLike[str]) -> RunFolder:
@@ -176,11 +170,12 @@ def read_run(path: str | PathLike[str]) -> RunFolder:
     try:
         config = TrainingConfig(**content["config"])
         names = tuple(str(name) for name in content["tasks"])
+        horizons = tuple(int(horizon) for horizon in content["horizons"])
         cut_off = tuple(str(name) for name in content.get("cut_off", ()))
-    except (KeyError, TypeError, InputError) as error:
+    except (KeyError, TypeError, ValueError, InputError) as error:
         raise InputError("is not that of a training run", source=str(path / MANIFEST)) from error
     require_unchanged(path, content, [CASE_FILE])
-    return RunFolder(path, load_case(path / CASE_FILE), config, names, cut_off)
+    return RunFolder(path, load_case(path / CASE_FILE), config, names, horizons, cut_off)
 
 
 def read_manifest(path: Path) -> Mapping[str, Any]:
@@ -206,22 +201,31 @@ def read_manifest(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def read_tasks(run: RunFolder) -> list[TabularMDP]:
-    """Read the canonical models of a run's base.
+def read_base(run: RunFolder, names: Sequence[str] | None = None) -> ModelBase:
+    """Read a run's base.
+
+    Args:
+        run: the run.
+        names: of some of its tasks; None: all.
 
     Raises:
-        InputError: an archive is missing, damaged or has changed.
+        InputError: a file is missing, damaged or has changed.
     """
-    archives = [f"{BASE_FOLDER}/{name}.umb" for name in run.names]
-    require_unchanged(run.path, read_manifest(run.path), archives)
-    combination = run.case.combination_at(0)
-    variables = (*run.case.space.variable_names, MODE_VARIABLE)
-    return [
-        canonicalise(
-            read_umb(run.path / archive),
-            pair_valuations(combination),
-            variables,
-            run.case.actions,
-        )
-        for archive in archives
-    ]
+    chosen = run.names if names is None else tuple(names)
+    content = read_manifest(run.path)
+    require_unchanged(run.path, content, [INDEX_FILE, *map(archive_of, chosen)])
+    index, kinds = read_index(run.path)
+    horizon = dict(zip(run.names, run.horizons, strict=True))
+    return ModelBase(
+        case=run.case.name,
+        digest=run.case.digest,
+        names=chosen,
+        index=index,
+        kinds=kinds,
+        models=read_models(run.path, index, chosen),
+        horizons=tuple(horizon[name] for name in chosen),
+        discount=run.case.discount,
+        covered=int(content["covered"]),
+        compared=int(content["compared"]),
+        cut_off=tuple(name for name in run.cut_off if name in horizon),
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
@@ -14,16 +14,14 @@ from typing import Any
 from merap.concerns.arguments import as_mapping, as_path
 from merap.concerns.case_study import CaseStudy
 from merap.errors import InputError, warn_of
-from merap.families.build import build_base
+from merap.families.build import ModelBase, build_base
 from merap.families.folder import MANIFEST, write_file
 from merap.families.lookup import as_case
-from merap.families.observation import case_kinds
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
 from merap.learning.progress import UpdateMetrics
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.learning.training import TrainingOutcome, TrainingState, meta_policy, outcome, updates
-from merap.mdp.model import TabularMDP
 from merap.runs.checkpoint import (
     POLICY_FILE,
     policy_bytes,
@@ -38,13 +36,13 @@ from merap.runs.run_folder import (
     Start,
     as_run,
     create_run,
+    read_base,
     read_manifest,
     read_run,
-    read_tasks,
     require_free,
 )
 from merap.runs.settings import read_config
-from merap.runs.warm_start import require_fit
+from merap.runs.warm_start import fitted
 
 SECONDS_BETWEEN_CHECKPOINTS = 0.5
 OUTCOME_FILE = "outcome.json"
@@ -79,21 +77,20 @@ def begin_run(
     base = build_base(case, max_tasks=config.max_tasks, seed=config.seed, on_model=on_model)
     if source is None:
         return create_run(path, case, base, config)
-    meta = read_policy(source, tasks_of(source))
-    require_fit(meta, source.case, case, batch_of(case, base.models), config)
+    learned = read_base(source)
+    meta = fitted(read_policy(source, batch_of(learned)), learned, base, batch_of(base), config)
     start = Start(policy_bytes(meta), source.case.name, source.case.digest)
     return create_run(path, case, base, config, start)
 
 
 def tasks_of(run: RunFolder) -> TaskBatch:
     """Return the tasks of a run, from its archives."""
-    return batch_of(run.case, read_tasks(run))
+    return batch_of(read_base(run))
 
 
-def batch_of(case: CaseStudy, models: Sequence[TabularMDP]) -> TaskBatch:
-    """Return canonical models of a case as tasks."""
-    horizon = case.combination_at(0).objective.horizon
-    return task_batch(models, horizon, case.discount, kinds=case_kinds(case.space, len(case.modes)))
+def batch_of(base: ModelBase) -> TaskBatch:
+    """Return the models of a base as tasks."""
+    return task_batch(base.models, base.horizons, base.discount, kinds=base.kinds)
 
 
 @dataclass(frozen=True, eq=False)

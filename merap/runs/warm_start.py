@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
+from merap.families.build import ModelBase
 from merap.learning.config import TrainingConfig
-from merap.learning.meta import MetaPolicy, carried_over
+from merap.learning.meta import MetaPolicy, carried_over, on_index
 from merap.learning.policy import flat
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import TrainingState, initial_state, policy_network
@@ -18,27 +16,26 @@ from merap.learning.training import TrainingState, initial_state, policy_network
 NETWORK_SETTINGS = ("observation", "hidden", "activation")
 
 
-def require_fit(
-    meta: MetaPolicy, before: CaseStudy, case: CaseStudy, tasks: TaskBatch, config: TrainingConfig
-) -> None:
-    """Refuse a start that means something else in another case.
+def fitted(
+    meta: MetaPolicy, before: ModelBase, base: ModelBase, tasks: TaskBatch, config: TrainingConfig
+) -> MetaPolicy:
+    """Return a policy of one base for another one, to begin with.
 
     Args:
         meta: what was learned.
-        before: for this case.
-        case: that is to be learned.
-        tasks: of its base.
+        before: of this base.
+        base: that is to be learned.
+        tasks: the same as arrays.
         config: of the new run.
 
     Raises:
         InputError: actions, states, features or the network are others; says which.
     """
-    if case.actions != before.actions:
-        raise InputError(
-            f"the policy chooses among {', '.join(before.actions)}; the case has {', '.join(case.actions)}"
-        )
-    wanted = policy_network(tasks, config)
-    if (wanted.hidden, wanted.activation, wanted.features is None) != (
+    if base.index.actions != before.index.actions:
+        known, wanted = (", ".join(one.index.actions) for one in (before, base))
+        raise InputError(f"the policy chooses among {known}; the case has {wanted}")
+    network = policy_network(tasks, config)
+    if (network.hidden, network.activation, network.features is None) != (
         meta.network.hidden,
         meta.network.activation,
         meta.network.features is None,
@@ -46,16 +43,14 @@ def require_fit(
         raise InputError(
             f"the settings {', '.join(NETWORK_SETTINGS)} must be those that the policy was learned with"
         )
-    if wanted.features is None and not np.array_equal(_states(before), _states(case)):
+    if network.features is not None:
+        return carried_over(meta, tasks)
+    if base.kinds != before.kinds:
         raise InputError(
             "the policy observes one-hot states, and those of the case are others; "
             "train with observation=factored for cases with other states"
         )
-    carried_over(meta, tasks)
-
-
-def _states(case: CaseStudy) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
-    return pair_valuations(case.combination_at(0))
+    return on_index(meta, before.index, base.index)
 
 
 def begun_from(meta: MetaPolicy, tasks: TaskBatch, config: TrainingConfig) -> TrainingState:

@@ -77,7 +77,7 @@ class CredibleTracker:
     def __init__(self, space: HypothesisSpace, hazard_prior: float = 0.0, doubt: float = DOUBT) -> None:
         self._space = space
         self._source = CredibleSource(space, hazard_prior, doubt)
-        self._index = StateIndex(space.valuations)
+        self._index = StateIndex(space.states)
         self.belief: Belief = prior_belief(space)
         self.state = -1
 

@@ -1,6 +1,6 @@
 """A shield that learns which models are still credible; it keeps strategies and the loop safe.
 
-Axes: T steps, S states of the canonical index (the completed state is the last), A declared actions.
+Axes: T steps, S states of the index, A declared actions.
 """
 
 from __future__ import annotations
@@ -145,17 +145,26 @@ class LearningShield:
     @property
     def mask(self) -> Bools:
         """bool [S, A], for planners: the actions that the whole budget of an episode could allow."""
-        return planning_mask(self._shield.risk, self._settings.threshold)
+        own = planning_mask(self._shield.risk, self._settings.threshold)
+        mask: Bools = self._space.outward(own, True)
+        return mask
 
     def masked(self, policy: Floats) -> Floats:
         """Return a policy, float64 [S, A] or [T, S, A], within a mask that keeps the threshold.
 
         It does so for an episode that begins where the last one began; see `policy`.
         """
-        shield = self._shield
-        return masked_policy(
-            shield.outcomes, shield.risk, policy, self._start, shield.threshold, self._horizon
+        shield, uniform = self._shield, 1 / policy.shape[-1]
+        own = masked_policy(
+            shield.outcomes,
+            shield.risk,
+            self._space.inward(policy, uniform),
+            self._start,
+            shield.threshold,
+            self._horizon,
         )
+        masked: Floats = self._space.outward(own, uniform)
+        return masked
 
     @property
     def least_risk(self) -> float:

@@ -49,7 +49,7 @@ class Adaptation(ShortRepr):
             episode; the last action is `end`.
         after: the same after its last update.
         reasons: explanations of the strategy in each run, before any episode and after each update.
-        model: the system's true model, on the canonical index.
+        model: the system's true model, on the index of the policies.
         safety: safety of each run; empty if the system's objective declares nothing unsafe and there is no
             shield.
         within_shield: best return and chance within the shield's threshold; None: there is no shield.
@@ -191,7 +191,7 @@ def adapt_to(
         before=before[0],
         after=after[0],
         reasons=reasons,
-        model=truth.model,
+        model=truth.model_on(problem.context.index),
         safety=safety if problem.shield is not None or truth.declares_unsafe else (),
         within_shield=truth.safe_optimum,
     )
@@ -208,17 +208,20 @@ def _followed(
     """Adapt once; return the run, the policies before and after, its safety, and the reasons row by row."""
     simulated = problem.simulated(generator)
     counted = problem.supervised(simulated)
-    truth = problem.truth
-    before = executed(truth.model, strategy.policy())
+    truth, index = problem.truth, problem.context.index
+    model = truth.model_on(index)
+    before = executed(model, strategy.policy())
     rows, reasons = [], []
-    for row in adaptation_rows(counted, strategy, truth.value, max_episodes):
+    for row in adaptation_rows(
+        counted, strategy, lambda policy: truth.value(policy, index), max_episodes
+    ):
         rows.append(row)
         reasons.append(strategy.explain())
         if row.step:
             on_step()
     run = judged(seed, rows, truth.reachable, simulated.steps_back)
     safety = counted.safety(strategy.report() if isinstance(strategy, ShieldedStrategy) else None)
-    return run, before, executed(truth.model, strategy.policy()), safety, tuple(reasons)
+    return run, before, executed(model, strategy.policy()), safety, tuple(reasons)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -287,9 +290,9 @@ def spread_of_pretrained(
 
 def values_of_pretrained(problem: AdaptationProblem) -> dict[str, float]:
     """Return combination of the base -> exact value here of the policy learned for it, best first."""
-    names = problem.context.run.names
+    names, index = problem.context.run.names, problem.context.index
     policies = problem.context.pretrained(names)
-    values = {name: problem.truth.value(policy) for name, policy in zip(names, policies, strict=True)}
+    values = {name: problem.truth.value(policy, index) for name, policy in zip(names, policies, strict=True)}
     return dict(sorted(values.items(), key=lambda item: -item[1]))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from merap.concerns.combination import Combination
+from merap.families.build import ModelBase
 from merap.learning.meta import MetaPolicy
 from merap.learning.threads import one_thread
 from merap.runs.run_folder import RunFolder
@@ -24,8 +25,10 @@ def adapted_policy(
     episodes_per_step: int = 35,
     seed: int = 0,
     on_step: OnStep = lambda: None,
-) -> MetaPolicy:
+) -> tuple[MetaPolicy, ModelBase]:
     """Return the meta policy after gradient steps on a simulated system, those of `adapt` with this seed.
+
+    The base beside it holds the states of the system, too.
 
     Args:
         run: a finished training run.
@@ -41,7 +44,7 @@ def adapted_policy(
     problem = adaptation_problem(run, system, episodes_per_step=episodes_per_step)
     of_system, of_strategy = np.random.default_rng(seed).spawn(2)
     meta = problem.context.meta
-    strategy = GradientStrategy(meta, problem.context.valuations, episodes_per_step, of_strategy)
+    strategy = GradientStrategy(meta, problem.context.index, episodes_per_step, of_strategy)
     with one_thread():
         simulated = problem.simulated(of_system)
         for _ in range(steps):
@@ -49,4 +52,4 @@ def adapted_policy(
                 episode(simulated, strategy)
             strategy.update()
             on_step()
-    return replace(meta, parameters=strategy.parameters)
+    return replace(meta, parameters=strategy.parameters), problem.context.base

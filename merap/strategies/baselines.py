@@ -156,9 +156,8 @@ def _difference(made_from: Any, recipe: Mapping[str, Any]) -> str:
 
 
 def _table(network: PolicyNetwork, parameters: Parameters) -> Floats:
-    """Return float64 [S, A], with every action enabled, but none in the completed state."""
+    """Return float64 [S, A], with every action enabled."""
     enabled = torch.ones(1, network.num_states, network.num_actions, dtype=torch.bool)
-    enabled[:, -1] = False
     with torch.no_grad():
         table: Floats = policy_table(network, stack_parameters(parameters, 1), enabled)[0].double().numpy()
     return table

@@ -8,14 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from merap.mdp.evaluation import as_policy
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.index import FamilyIndex
+from merap.mdp.model import Bools, Floats, TabularMDP
 from merap.mdp.planning import backward_induction
 from merap.systems.interface import Observation
 from merap.systems.strategy import StateIndex, draw_action
 
 
 def optimal_policy(model: TabularMDP, horizon: int) -> Floats:
-    """Return float64 [T, S, A], the best time-indexed policy over the actions of a canonical model."""
+    """Return float64 [T, S, A], the best time-indexed policy over the declared actions of a model on an index."""
     return as_policy(model, backward_induction(model, horizon).actions)[..., :-1]
 
 
@@ -24,17 +25,17 @@ class FixedStrategy:
 
     Args:
         policy: float64 [S, A] or [T, S, A]; after T steps the last one holds.
-        valuations: int64 [S, V], the canonical index; the completed state is the last.
+        index: S states.
         generator: draws its actions.
         reason: why this policy, for `explain`.
     """
 
     episodes_per_update = 1
 
-    def __init__(self, policy: Floats, valuations: Ints, generator: np.random.Generator, reason: str) -> None:
+    def __init__(self, policy: Floats, index: FamilyIndex, generator: np.random.Generator, reason: str) -> None:
         self._policy = policy
         self._by_time = policy if policy.ndim == 3 else policy[np.newaxis]
-        self._number = StateIndex(valuations)
+        self._number = StateIndex(index)
         self._generator = generator
         self._reason = reason
         self._state, self._time = -1, 0

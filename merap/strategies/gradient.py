@@ -18,7 +18,8 @@ from merap.learning.episodes import Episodes
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, initial_parameters, policy_table, stack_parameters
-from merap.mdp.model import Bools, Floats, Ints
+from merap.mdp.index import FamilyIndex
+from merap.mdp.model import Bools, Floats
 from merap.systems.interface import Observation
 from merap.systems.strategy import StateIndex, draw_action
 
@@ -52,7 +53,7 @@ class GradientStrategy:
 
     Args:
         meta: where adaptation starts, and how far its steps go.
-        valuations: int64 [S, V], the canonical index; the completed state is the last.
+        index: S states.
         episodes_per_update: B.
         generator: draws its actions.
         trained: the start was learned, and its variance of the advantages with it; else that is a
@@ -62,7 +63,7 @@ class GradientStrategy:
     def __init__(
         self,
         meta: MetaPolicy,
-        valuations: Ints,
+        index: FamilyIndex,
         episodes_per_update: int,
         generator: np.random.Generator,
         *,
@@ -72,11 +73,11 @@ class GradientStrategy:
         self._meta = meta
         self._trained = trained
         self._variance = meta.variance if trained else None
-        self._number = StateIndex(valuations)
+        self._number = StateIndex(index)
         self._generator = generator
         self._parameters = stack_parameters(meta.parameters, 1)
-        self._enabled = np.ones((len(valuations), meta.network.num_actions), dtype=np.bool_)
-        self._enabled[-1] = False
+        self._enabled = np.ones((index.num_states, meta.network.num_actions), dtype=np.bool_)
+        self._enabled[index.is_completed] = False
         self._restriction = np.ones_like(self._enabled)
         self._episodes: list[list[_Step]] = []
         self._state, self._time = -1, 0

@@ -97,5 +97,6 @@ def adaptation_problem(
     given = replace(conditions, reset=conditions.reset or system.reset)
     threshold = None if shield is None else shield.threshold
     truth = ground_truth(system, given.slip, threshold)
-    context = StrategyContext(run, truth.horizon, system.discount, episodes_per_step, truth.model)
+    whole = truth.whole
+    context = StrategyContext(run, truth.horizon, system.discount, episodes_per_step, whole, (whole,))
     return AdaptationProblem(truth, given, context, shield)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,13 +19,16 @@ from merap.concerns.case_study import CaseStudy
 from merap.concerns.lookup import declared_case
 from merap.concerns.steps import beyond_places_and_modes, require_places_and_modes
 from merap.errors import InputError
-from merap.families.build import model_of
-from merap.learning.meta import MetaPolicy
-from merap.learning.tasks import TaskBatch, task_batch
-from merap.mdp.model import Floats, Ints, TabularMDP
+from merap.families.build import ModelBase
+from merap.families.models import built
+from merap.learning.meta import MetaPolicy, on_index
+from merap.learning.tasks import TaskBatch
+from merap.mdp.index import FamilyIndex, carried
+from merap.mdp.model import Floats, TabularMDP
 from merap.program.names import suggestion
 from merap.runs.checkpoint import read_policy
-from merap.runs.run_folder import RunFolder, read_tasks
+from merap.runs.run_folder import RunFolder, read_base
+from merap.runs.train import batch_of
 from merap.strategies.baselines import joint_policy, pretrained_policies
 from merap.strategies.fixed import FixedStrategy, optimal_policy
 from merap.strategies.gradient import GradientStrategy, untrained
@@ -50,7 +53,8 @@ class StrategyContext:
         horizon: T, steps of an episode of the system.
         discount: discount of a step.
         episodes_per_step: B, real episodes of a gradient step.
-        true_model: true model of the system; only `oracle` may look.
+        true_model: true model of the system, whole; only `oracle` may look.
+        met: whole models of the systems that may be met, whose states are on the index.
     """
 
     run: RunFolder
@@ -58,46 +62,43 @@ class StrategyContext:
     discount: float
     episodes_per_step: int = 35
     true_model: TabularMDP | None = field(default=None, repr=False)
+    met: tuple[TabularMDP, ...] = field(default=(), repr=False)
 
     @cached_property
-    def models(self) -> list[TabularMDP]:
-        """The canonical models of the run's base."""
-        return read_tasks(self.run)
+    def learned_base(self) -> ModelBase:
+        """The run's base, on the index that its policy was learned on."""
+        return read_base(self.run)
+
+    @cached_property
+    def learned(self) -> MetaPolicy:
+        """The meta policy of the run, on the same index."""
+        return read_policy(self.run, batch_of(self.learned_base))
+
+    @cached_property
+    def base(self) -> ModelBase:
+        """The run's base, on an index with the states of the systems that may be met."""
+        return self.learned_base.extended(*self.met)
+
+    @property
+    def index(self) -> FamilyIndex:
+        """S states."""
+        return self.base.index
 
     @cached_property
     def tasks(self) -> TaskBatch:
         """The models of the base as arrays."""
-        return self.batch(self.models)
+        return batch_of(self.base)
 
     @cached_property
     def meta(self) -> MetaPolicy:
-        """The meta policy of the run."""
-        return read_policy(self.run, self.tasks)
+        """The meta policy of the run, for these states."""
+        return on_index(self.learned, self.learned_base.index, self.index, self.base.kinds)
 
     @cached_property
     def hypotheses(self) -> HypothesisSpace:
         """The hypotheses about the domain."""
         require_places_and_modes(self.run.case.combination_at(0))
-        return hypothesis_space(declared_case(self.run.case))
-
-    @property
-    def valuations(self) -> Ints:
-        """int64 [S, V], the canonical index."""
-        return self.models[0].valuations
-
-    def tasks_named(self, names: Sequence[str]) -> TaskBatch:
-        """Return combinations of the case as arrays, those outside the base too.
-
-        Raises:
-            InputError: there is no such combination.
-        """
-        number = {name: index for index, name in enumerate(self.run.names)}
-        return self.batch(
-            [
-                self.models[number[name]] if name in number else model_of(self.run.case.combination(name))
-                for name in names
-            ]
-        )
+        return hypothesis_space(declared_case(self.run.case), index=self.index)
 
     def pretrained(self, names: Sequence[str]) -> list[Floats]:
         """Return float64 [S, A] for each combination: the policy learned for it.
@@ -105,10 +106,40 @@ class StrategyContext:
         Raises:
             InputError: there is no such combination, or a stored policy does not fit.
         """
+        known = self.learned_base
+        inside = [name for name in names if name in known.names]
+        found = self._searched(known, inside, lambda some: batch_of(read_base(self.run, some)))
         for name in names:
-            if name not in self.run.names:
-                self.run.case.combination(name)
-        return pretrained_policies(self.run, self.meta.network, names, self.tasks_named)
+            if name not in found:
+                combination = self.run.case.combination(name)
+                whole = built(combination)
+                alone = replace(
+                    known, names=(name,), models=(), horizons=(combination.objective.horizon,)
+                ).extended(whole)
+                task = replace(alone, models=(alone.index.place(whole),))
+                found |= self._searched(alone, [name], lambda some, task=task: batch_of(task))
+        return [found[name] for name in names]
+
+    def _searched(
+        self, base: ModelBase, names: Sequence[str], tasks: Callable[[Sequence[str]], TaskBatch]
+    ) -> dict[str, Floats]:
+        """Return the policy for each name, searched for on an index of its own."""
+        network = on_index(self.learned, self.learned_base.index, base.index, base.kinds).network
+        policies = pretrained_policies(self.run, network, names, tasks)
+        return {name: self._here(policy, base) for name, policy in zip(names, policies, strict=True)}
+
+    def joint(self) -> Floats:
+        """Return float64 [S, A], one policy learned for all tasks of the base.
+
+        Raises:
+            InputError: a stored policy does not fit.
+        """
+        base = self.learned_base
+        return self._here(joint_policy(self.run, self.learned.network, lambda: batch_of(base)), base)
+
+    def _here(self, policy: Floats, base: ModelBase) -> Floats:
+        table: Floats = carried(policy, base.index, self.index, 1 / policy.shape[-1])
+        return table
 
     def having_learned(self, meta: MetaPolicy, hypotheses: HypothesisSpace) -> StrategyContext:
         """Return a copy with another meta policy and another prior, which keeps all that was made already."""
@@ -116,20 +147,15 @@ class StrategyContext:
         other.__dict__.update(meta=meta, hypotheses=hypotheses)  # where cached properties are kept
         return other
 
-    def batch(self, models: Sequence[TabularMDP]) -> TaskBatch:
-        """Return canonical models as arrays."""
-        horizon = self.run.case.combination_at(0).objective.horizon
-        return task_batch(models, horizon, self.run.case.discount)
-
 
 def _gradient(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
-    return GradientStrategy(context.meta, context.valuations, context.episodes_per_step, generator)
+    return GradientStrategy(context.meta, context.index, context.episodes_per_step, generator)
 
 
 def _ope(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
     start = untrained(context.meta, generator)
     episodes = context.episodes_per_step
-    return GradientStrategy(start, context.valuations, episodes, generator, trained=False)
+    return GradientStrategy(start, context.index, episodes, generator, trained=False)
 
 
 def _belief(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
@@ -141,24 +167,23 @@ def _belief(context: StrategyContext, argument: str, generator: np.random.Genera
 def _pretrained(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
     (policy,) = context.pretrained([argument])
     reason = f"the policy learned for {argument}, not adapted"
-    return FixedStrategy(policy, context.valuations, generator, reason)
+    return FixedStrategy(policy, context.index, generator, reason)
 
 
 def _joint(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
-    policy = joint_policy(context.run, context.meta.network, lambda: context.tasks)
     reason = f"one policy learned for all {len(context.run.names)} tasks, not adapted"
-    return FixedStrategy(policy, context.valuations, generator, reason)
+    return FixedStrategy(context.joint(), context.index, generator, reason)
 
 
 def _retrieval(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
-    return RetrievalStrategy(context.run.names, context.models, context.tasks, context.horizon, generator)
+    return RetrievalStrategy(context.base, context.tasks, context.horizon, generator)
 
 
 def _oracle(context: StrategyContext, argument: str, generator: np.random.Generator) -> Strategy:
     if context.true_model is None:
         raise InputError("the strategy 'oracle' needs the true model, which is not known here")
-    policy = optimal_policy(context.true_model, context.horizon)
-    return FixedStrategy(policy, context.true_model.valuations, generator, "best on the true model")
+    policy = optimal_policy(context.index.place(context.true_model), context.horizon)
+    return FixedStrategy(policy, context.index, generator, "best on the true model")
 
 
 Maker = Callable[[StrategyContext, str, np.random.Generator], Strategy]

@@ -7,13 +7,13 @@ Axes: N cases, T steps, S states, A declared actions, K successors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from merap.families.build import ModelBase
 from merap.learning.tasks import TaskBatch, ranges_between
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.model import Bools, Floats, Ints
 from merap.strategies.fixed import optimal_policy
 from merap.systems.interface import Observation
 from merap.systems.strategy import StateIndex, draw_action
@@ -46,8 +46,7 @@ class RetrievalStrategy:
     """Retrieves a case of the base after every episode; see `systems.strategy.Strategy`.
 
     Args:
-        names: names of the N cases.
-        models: their canonical models.
+        base: the N cases.
         tasks: the same as arrays.
         horizon: T.
         generator: draws preferences among cases that fit equally well.
@@ -58,19 +57,18 @@ class RetrievalStrategy:
 
     def __init__(
         self,
-        names: Sequence[str],
-        models: Sequence[TabularMDP],
+        base: ModelBase,
         tasks: TaskBatch,
         horizon: int,
         generator: np.random.Generator,
         settings: FitSettings | None = None,
     ) -> None:
-        self._names = names
-        self._models = models
+        self._names = base.names
+        self._models = base.models
         self._horizon = horizon
         self._generator = generator
         self._settings = settings or FitSettings()
-        self._number = StateIndex(models[0].valuations)
+        self._number = StateIndex(base.index)
         self._first: Ints = tasks.choice_to_branch.numpy()
         self._target: Ints = tasks.branch_target.numpy()
         self._prob: Floats = tasks.branch_prob.double().numpy()
@@ -79,9 +77,9 @@ class RetrievalStrategy:
         possible = self._reward[self._prob > 0]
         scale = float(np.ptp(possible)) if possible.size else 0.0
         self._deviation = self._settings.reward_deviation * (scale or 1.0)
-        self._fit = np.zeros(len(models))
-        self._preference = generator.permutation(len(models))
-        self._seen = np.zeros(len(models[0].valuations), dtype=np.bool_)
+        self._fit = np.zeros(len(base.models))
+        self._preference = generator.permutation(len(base.models))
+        self._seen = np.zeros(base.index.num_states, dtype=np.bool_)
         self._steps: list[_Step] = []
         self._state, self._time = -1, 0
         self._retrieved = -1

@@ -5,12 +5,12 @@ Axes: N tasks, S states, A actions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
+from merap.families.build import ModelBase
 from merap.learning.episodes import rollout
 from merap.learning.gradient_step import behaviour, sampled_step
 from merap.learning.policy import policy_table, stack_parameters
@@ -20,7 +20,7 @@ from merap.mdp.planning import optimum
 from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.short_repr import ShortRepr
 from merap.runs.checkpoint import read_policy
-from merap.runs.run_folder import RunFolder, read_tasks
+from merap.runs.run_folder import RunFolder, read_base
 from merap.runs.train import batch_of
 from merap.strategies.evaluation import executed
 
@@ -34,7 +34,7 @@ NEVER = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainingResult(ShortRepr):
-    """Exact undiscounted values on the tasks of a run, over its horizon.
+    """Exact undiscounted values on the tasks of a run, over their horizons.
 
     Attributes:
         names: names of the N tasks.
@@ -79,26 +79,24 @@ def evaluate_training(run: RunFolder) -> TrainingResult:
         InputError: training has not ended, or a file of the run is damaged.
     """
     spread = np.linspace(0, len(run.names) - 1, min(len(run.names), MOST_TASKS)).astype(int)
-    some = replace(run, names=tuple(run.names[index] for index in spread))
-    models = read_tasks(some)
-    horizon = run.case.combination_at(0).objective.horizon
-    policies = _adapted(run, models)
-    ending = [_ending(model) for model in models]
+    base = read_base(run, [run.names[index] for index in spread])
+    policies = _adapted(run, base)
+    ending = replace(base, models=tuple(map(_ending, base.models)))
     return TrainingResult(
-        names=some.names,
-        adapted=_values(models, policies, horizon),
-        optimum=np.array([optimum(model, horizon) for model in models]),
-        random=_values(models, np.ones_like(policies), horizon),
-        ending=_values(ending, policies, horizon),
-        endable=np.array([optimum(model, horizon) for model in ending]),
+        names=base.names,
+        adapted=_values(base, policies),
+        optimum=_optima(base),
+        random=_values(base, np.ones_like(policies)),
+        ending=_values(ending, policies),
+        endable=_optima(ending),
     )
 
 
-def _adapted(run: RunFolder, models: Sequence[TabularMDP]) -> Floats:
+def _adapted(run: RunFolder, base: ModelBase) -> Floats:
     """Return float64 [N, S, A], the policies after the inner steps that the run was trained for."""
-    tasks = batch_of(run.case, models)
+    tasks = batch_of(base)
     meta, generator = read_policy(run, tasks), torch.Generator().manual_seed(run.config.seed)
-    parameters = stack_parameters(meta.parameters, len(models))
+    parameters = stack_parameters(meta.parameters, len(base.models))
     with torch.no_grad():
         for _ in range(run.config.inner_steps):
             policy = behaviour(meta.network, parameters, tasks.enabled, meta.rule)
@@ -110,9 +108,16 @@ def _adapted(run: RunFolder, models: Sequence[TabularMDP]) -> Floats:
     return policies
 
 
-def _values(models: Sequence[TabularMDP], policies: Floats, horizon: int) -> Floats:
-    pairs = zip(models, policies, strict=True)
-    return np.array([expected_return(model, executed(model, policy), horizon) for model, policy in pairs])
+def _values(base: ModelBase, policies: Floats) -> Floats:
+    tasks = zip(base.models, policies, base.horizons, strict=True)
+    return np.array(
+        [expected_return(model, executed(model, policy), horizon) for model, policy, horizon in tasks]
+    )
+
+
+def _optima(base: ModelBase) -> Floats:
+    tasks = zip(base.models, base.horizons, strict=True)
+    return np.array([optimum(model, horizon) for model, horizon in tasks])
 
 
 def _ending(model: TabularMDP) -> TabularMDP:

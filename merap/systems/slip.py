@@ -14,7 +14,6 @@ from fractions import Fraction
 from merap.concerns.combination import Combination
 from merap.concerns.processes import together
 from merap.errors import InputError
-from merap.families.build import canonical
 from merap.mdp.model import TabularMDP
 from merap.prism.joint_outcomes import joint_outcomes
 from merap.program.arrays import tabular
@@ -26,14 +25,14 @@ _KEPT: Draw = (Update(Constant(Fraction(1))),)
 
 
 def slipping_model(combination: Combination, slip: float) -> TabularMDP:
-    """Build the model of a combination that slips, by its definition, on the index of its case.
+    """Explore the whole model of a combination that slips.
 
     Raises:
         InputError: see `slipping`.
         ModelError: a reachable state has no action.
     """
     program = slipping(combination.program, slip)
-    return canonical(combination, tabular(program, explore(program), reward="objective"))
+    return tabular(program, explore(program), reward="objective")
 
 
 def slipping(program: Program, slip: float) -> Program:

@@ -2,8 +2,7 @@
 
 A strategy sees the system through the observations of `ManagedSystem.reset` and `step`, and nothing else.
 
-Axes: T steps of an episode, S states of the canonical index (the completed state is the last),
-A declared actions, V state variables.
+Axes: T steps of an episode, S states of the index, A declared actions.
 """
 
 from __future__ import annotations
@@ -16,7 +15,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from merap.errors import InputError
-from merap.mdp.model import Bools, Floats, Ints
+from merap.mdp.index import FamilyIndex
+from merap.mdp.model import Bools, Floats
 from merap.systems.interface import Observation
 
 
@@ -73,15 +73,17 @@ class Revisable(Protocol):
 
 
 class StateIndex:
-    """Look up the canonical number of an observed state.
+    """Look up the number of an observed state; where the task is complete it is any completed state's.
 
     Args:
-        valuations: int64 [S, V], the canonical index; the completed state is the last.
+        index: S states.
     """
 
-    def __init__(self, valuations: Ints) -> None:
-        self._number = {tuple(row): number for number, row in enumerate(valuations.tolist())}
-        self._completed = len(valuations) - 1
+    def __init__(self, index: FamilyIndex) -> None:
+        rows = np.flatnonzero(~index.is_completed)
+        valuations = map(tuple, index.valuations[rows].tolist())
+        self._number = dict(zip(valuations, rows.tolist(), strict=True))
+        self._completed = min(index.completed.values(), default=-1)
 
     def __call__(self, observation: Observation) -> int:
         """Return the state's number.
@@ -94,7 +96,7 @@ class StateIndex:
         values = tuple(observation.valuation.tolist())
         number = self._number.get(values)
         if number is None:
-            raise InputError(f"the observed state {values} is none of the case's {self._completed}")
+            raise InputError(f"the observed state {values} is none of the {len(self._number)} known ones")
         return number
 
 

@@ -12,7 +12,7 @@ import pytest
 from merap.errors import ModelError
 from merap.mdp.alignment import align_actions, align_variables
 from merap.mdp.comparison import compare
-from merap.mdp.index import FamilyIndex, new_index
+from merap.mdp.index import FamilyIndex, carried, new_index
 from merap.mdp.model import TabularMDP
 from merap.mdp.planning import optimum, worst_value
 from merap.mdp.umb import read_umb, write_umb
@@ -148,6 +148,24 @@ def test_a_placed_model_can_be_placed_again() -> None:
     assert_identical(index.place(once), once)
 
 
+def test_labels_that_a_model_lacks_do_not_matter() -> None:
+    # two_modes() does not say where the goal is
+    index = modes_index(label_sets=[GOAL])
+    assert index.number(two_modes()).tolist() == [1, 0, 2, 0]
+    assert index.extended(two_modes()).num_states == index.num_states
+
+
+def test_tables_are_carried_from_one_index_to_another() -> None:
+    source = new_index(("loc",), ("go",), np.array([[3], [5]]), [NOTHING])
+    target = new_index(("loc",), ("go",), np.array([[5], [4], [3]]), [NOTHING, GOAL])
+    table = np.array([[0.5], [0.3], [0.1]])
+    found = carried(table, source, target, -1.0)
+    # a completed state at the goal is any completed state where labels are not known
+    assert found.tolist() == [[0.5], [0.5], [0.1], [-1], [0.3]]
+    assert carried(np.stack([found, found]), target, source, -1.0).tolist() == [table.tolist()] * 2
+    assert carried(table, source, new_index(("loc",), ("go",)), -1.0).shape == (0, 1)
+
+
 def test_complete_initial_states_start_in_the_completed_one() -> None:
     mdp = modes_index().place(replace(two_modes(), initial=np.array([0.5, 0.2, 0.0, 0.3])))
     assert mdp.initial.tolist() == [0.5, 0.5, 0, 0, 0]
@@ -220,11 +238,15 @@ def with_end_reward() -> TabularMDP:
         (two_modes(), {"actions": ("try",)}, r"action switch: the case declares only try"),
         (two_modes(), {"actions": ("try", "switch", "end")}, "action 'end' is reserved"),
         (two_modes(), {"valuations": BOTH[:1]}, r"state \(loc=0, mode=1, done=0\) is not among the 1 states"),
-        (two_modes(), {"label_sets": [GOAL]}, "no completed state with the labels: none"),
+        (
+            replace(two_modes(), labels={**two_modes().labels, "goal": np.zeros(4, dtype=np.bool_)}),
+            {"label_sets": [GOAL]},
+            "no completed state with the labels: none",
+        ),
         (
             replace(two_modes(), labels={"first": two_modes().labels["first"]}),
             {},
-            "the model has no label 'done', only first",
+            "action end: not allowed in a state that is not complete",
         ),
         (with_end_reward(), {}, r"\(loc=1, mode=0, done=1\), action end: has reward 1.0, it must be 0"),
         (
