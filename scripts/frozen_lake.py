@@ -12,7 +12,7 @@ import typer
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from merap.learning import MetaPolicy, TrainingConfig, train_models
-from merap.mdp import import_gymnasium, optimum
+from merap.mdp import import_gymnasium, index_of, optimum
 from merap.strategies import GradientStrategy, adaptation_rows, evaluator
 from merap.systems import GymnasiumSystem
 
@@ -62,7 +62,7 @@ def lakes(size: int, *, slippery: bool) -> Lakes:
 def curve(kind: Lakes, meta: MetaPolicy, seed: int, steps: int) -> list[float]:
     """Return how likely the goal is reached on the map of a seed, before and after each gradient step."""
     model = import_gymnasium(kind.env(seed))  # to keep the score; the strategy sees reset and step alone
-    strategy = GradientStrategy(meta, model.valuations, EPISODES, np.random.default_rng(seed))
+    strategy = GradientStrategy(meta, index_of(model), EPISODES, np.random.default_rng(seed))
     with GymnasiumSystem(kind.env(seed), seed=seed) as system:
         rows = adaptation_rows(system, strategy, evaluator(model, kind.horizon), steps * EPISODES)
         return [row.expected_return for row in rows]

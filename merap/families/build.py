@@ -60,7 +60,7 @@ class ModelBase(ShortRepr):
     cut_off: tuple[str, ...] = ()
 
     def extended(self, *models: TabularMDP) -> ModelBase:
-        """Return the base on an index that holds all states of some models, too; see `FamilyIndex.extended`."""
+        """Return the base on an index that holds the states of some whole models, too."""
         index = self.index.extended(*models)
         if index.num_states == self.index.num_states:
             return self

@@ -1,7 +1,6 @@
 """The analyzer: believes what the real domain is like, and notices when it has changed.
 
-Axes: S states of the index, A declared actions, K as in
-`belief.actions`.
+Axes: S states of the index, A declared actions, K as in `belief.actions`.
 """
 
 from __future__ import annotations
@@ -207,7 +206,8 @@ class Analyzer:
         """Return float64 [S], where the system may be; the episode goes on unless its end was seen."""
         space = self._space
         if monitored.state is not None:
-            return np.eye(1, space.index.num_states, monitored.state)[0]
+            seen: Floats = np.eye(1, space.index.num_states, monitored.state)[0]
+            return seen
         begin = space.initial
         if monitored.seen is not None:
             begin = np.eye(1, space.num_states, self._believed[monitored.seen])[0]

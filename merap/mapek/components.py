@@ -72,9 +72,7 @@ def make_components(
     of_system, of_sensors, of_learner, of_planner = drawn
     system = _managed_system(scenario, case, live, of_system)
     horizon = system.horizon
-    context = StrategyContext(
-        run, horizon, case.discount, spec.strategy.episodes_per_step, met=system.models
-    )
+    context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step, met=system.models)
     chosen = make_manager(manager, spec.strategy, context)
     restart = spec.strategy.replan_from == "meta"
     learner = Learner(chosen.make, of_learner, restart=restart)

@@ -16,7 +16,6 @@ from merap.learning.threads import one_thread
 from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.connecting import connected
 from merap.mapek.family_limits import followable
-from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.loop import Components, Loop
 from merap.mapek.managers import MERAP
 from merap.mapek.records import EpisodeLog, EpisodeRow

@@ -18,6 +18,7 @@ from .gymnasium_import import import_gymnasium as import_gymnasium
 from .gymnasium_import import import_table as import_table
 from .gymnasium_vector import MDPVectorEnv as MDPVectorEnv
 from .index import FamilyIndex as FamilyIndex
+from .index import index_of as index_of
 from .index import new_index as new_index
 from .model import TabularMDP as TabularMDP
 from .planning import DiscountedPlan as DiscountedPlan

@@ -242,6 +242,15 @@ def new_index(
     return index._with(label_sets, empty if valuations is None else valuations)
 
 
+def index_of(model: TabularMDP) -> FamilyIndex:
+    """Return the index that a model is on; its last action is `end`, or it has no label `done`."""
+    rows = np.flatnonzero(complete_states(model))
+    sets, which = label_sets(model, rows)
+    completed = {sets[place]: row for row, place in zip(rows.tolist(), which.tolist(), strict=True)}
+    actions = tuple(name for name in model.action_names if name != END_ACTION)
+    return FamilyIndex(model.variable_names, model.valuations, completed, actions)
+
+
 def carried(
     table: npt.NDArray[Any], source: FamilyIndex, target: FamilyIndex, missing: Any
 ) -> npt.NDArray[Any]:
@@ -257,8 +266,9 @@ def carried(
         [.., S', A].
     """
     numbers = target.numbers_on(source)
-    found = table[..., numbers, :]
-    found[..., numbers < 0, :] = missing
+    known = numbers >= 0
+    found = np.full((*table.shape[:-2], len(numbers), table.shape[-1]), missing, dtype=table.dtype)
+    found[..., known, :] = table[..., numbers[known], :]
     return found
 
 

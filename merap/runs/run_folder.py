@@ -174,6 +174,8 @@ def read_run(path: str | PathLike[str]) -> RunFolder:
         cut_off = tuple(str(name) for name in content.get("cut_off", ()))
     except (KeyError, TypeError, ValueError, InputError) as error:
         raise InputError("is not that of a training run", source=str(path / MANIFEST)) from error
+    if len(names) != len(horizons):
+        raise InputError("is not that of a training run", source=str(path / MANIFEST))
     require_unchanged(path, content, [CASE_FILE])
     return RunFolder(path, load_case(path / CASE_FILE), config, names, horizons, cut_off)
 

@@ -212,9 +212,7 @@ def _followed(
     model = truth.model_on(index)
     before = executed(model, strategy.policy())
     rows, reasons = [], []
-    for row in adaptation_rows(
-        counted, strategy, lambda policy: truth.value(policy, index), max_episodes
-    ):
+    for row in adaptation_rows(counted, strategy, lambda policy: truth.value(policy, index), max_episodes):
         rows.append(row)
         reasons.append(strategy.explain())
         if row.step:

@@ -16,7 +16,7 @@ from merap.systems.strategy import StateIndex, draw_action
 
 
 def optimal_policy(model: TabularMDP, horizon: int) -> Floats:
-    """Return float64 [T, S, A], the best time-indexed policy over the declared actions of a model on an index."""
+    """Return float64 [T, S, A], the best time-indexed policy of a model on an index, without `end`."""
     return as_policy(model, backward_induction(model, horizon).actions)[..., :-1]
 
 
@@ -32,7 +32,9 @@ class FixedStrategy:
 
     episodes_per_update = 1
 
-    def __init__(self, policy: Floats, index: FamilyIndex, generator: np.random.Generator, reason: str) -> None:
+    def __init__(
+        self, policy: Floats, index: FamilyIndex, generator: np.random.Generator, reason: str
+    ) -> None:
         self._policy = policy
         self._by_time = policy if policy.ndim == 3 else policy[np.newaxis]
         self._number = StateIndex(index)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -117,7 +117,7 @@ class StrategyContext:
                     known, names=(name,), models=(), horizons=(combination.objective.horizon,)
                 ).extended(whole)
                 task = replace(alone, models=(alone.index.place(whole),))
-                found |= self._searched(alone, [name], lambda some, task=task: batch_of(task))
+                found |= self._searched(alone, [name], partial(_tasks_of, task))
         return [found[name] for name in names]
 
     def _searched(
@@ -184,6 +184,11 @@ def _oracle(context: StrategyContext, argument: str, generator: np.random.Genera
         raise InputError("the strategy 'oracle' needs the true model, which is not known here")
     policy = optimal_policy(context.index.place(context.true_model), context.horizon)
     return FixedStrategy(policy, context.index, generator, "best on the true model")
+
+
+def _tasks_of(base: ModelBase, names: Sequence[str]) -> TaskBatch:
+    assert tuple(names) == base.names, names
+    return batch_of(base)
 
 
 Maker = Callable[[StrategyContext, str, np.random.Generator], Strategy]

@@ -10,12 +10,11 @@ from merap.belief.equivalence import EquivalenceClass, alike_for_good, alike_so_
 from merap.belief.posterior import prior_belief, weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.synthesis import synthesise
-from merap.families.build import canonical
 from merap.mdp.comparison import compare
 from tests.support.belief_routes import STRIP, inferred, log_likelihood, trajectory
 from tests.support.case_examples import write_case
 from tests.support.paths import MODELS
+from tests.support.placed import index_of, model_of
 
 NOISE = 0.3
 # `far` blocks what `lame` may not enter; under `shut` and `shut_far` nothing beyond the start is reached.
@@ -40,10 +39,9 @@ def known(space: HypothesisSpace, classes: tuple[EquivalenceClass, ...]) -> set[
 def grouped(case: CaseStudy) -> set[frozenset[str]]:
     """Pairs whose whole models are equal, for every objective."""
     pairs = list(product(range(case.shape[0]), range(case.shape[1])))
+    index = index_of([case.combine(*pair, 0) for pair in pairs])
     models = {
-        pair: [
-            canonical(one, synthesise(one)) for one in (case.combine(*pair, o) for o in range(case.shape[2]))
-        ]
+        pair: [model_of(one, index) for one in (case.combine(*pair, o) for o in range(case.shape[2]))]
         for pair in pairs
     }
 

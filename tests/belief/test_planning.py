@@ -11,13 +11,13 @@ from merap.belief.planning import information_price, objective_information, plan
 from merap.belief.posterior import prior_belief
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.concerns.case_study import load_case
-from merap.concerns.synthesis import synthesise
-from merap.families.build import canonical, model_of
+from merap.families.models import built, explored
 from merap.mdp.comparison import compare
 from merap.mdp.planning import backward_induction
 from tests.support.belief_routes import STRIP
 from tests.support.case_examples import GRAPH, write_case
 from tests.support.paths import MODELS
+from tests.support.placed import as_believed
 
 
 def certain(space: HypothesisSpace, environment: int, capability: int, objective: int) -> HypothesisSpace:
@@ -35,7 +35,7 @@ def test_a_belief_that_is_certain_has_the_model_that_storm_builds(tmp_path: Path
     e, c, o = np.unravel_index(index, case.shape)
     space = certain(hypothesis_space(case), int(e), int(c), int(o))
     belief = prior_belief(space)
-    expected = model_of(case.combination_at(index))
+    expected = as_believed(space, built(case.combination_at(index)))
     initial = expected.initial[:-1]
     for model in (mean_model(space, belief), sampled_model(space, belief, np.random.default_rng(0))):
         found = tabular(space, model, initial)
@@ -100,7 +100,7 @@ def test_knowing_the_objective_is_worth_the_gap_to_the_informed(tmp_path: Path) 
     best = plan(model, 8)
     informed = np.mean(
         [
-            backward_induction(canonical(task, synthesise(task)), 8).value
+            backward_induction(explored(task), 8).value
             for task in (
                 replace(
                     case.combine(0, 0, goal),

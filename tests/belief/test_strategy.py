@@ -17,13 +17,14 @@ from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefSettings, BeliefStrategy
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.mdp.model import Floats, TabularMDP
 from merap.strategies.evaluation import Run, evaluator, reachable_range
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex
 from tests.support.paths import MODELS
+from tests.support.placed import index_of
 from tests.support.whole_adaptations import adapted
 
 
@@ -31,7 +32,8 @@ from tests.support.whole_adaptations import adapted
 def prepared(name: str) -> tuple[CaseStudy, HypothesisSpace, Combination, TabularMDP]:
     case = load_case(MODELS / name)
     system = case.system("met")
-    return case, hypothesis_space(case), system, model_of(system)
+    index = index_of([system])
+    return case, hypothesis_space(case, index=index), system, index.place(built(system))
 
 
 class NoisyRewards:
@@ -180,7 +182,7 @@ def test_after_a_gap_it_plans_for_the_steps_that_remain(monkeypatch: pytest.Monk
     strategy.begin(later, 5, resumed=True)
     assert set(planned) == {horizon - 5}
     strategy.update()
-    start = StateIndex(space.valuations)(first)
+    start = StateIndex(space.states)(first)
     assert starts == [start, start]
 
 

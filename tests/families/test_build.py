@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.families.build import COMPARED, build_base, model_of
+from merap.families.build import COMPARED, build_base
+from merap.families.models import built
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
 from tests.support.paths import MODELS
@@ -16,7 +17,7 @@ def test_an_enumerated_base_holds_every_combination_as_storm_built_it() -> None:
     assert base.names == tuple(combination.name for combination in case.combinations())
     assert base.covered == len(base.models) == base.compared == 18
     for name, model in zip(base.names, base.models, strict=True):
-        compare(model, model_of(case.combination(name))).require_same()
+        compare(model, base.index.place(built(case.combination(name)))).require_same()
 
 
 def test_all_models_of_a_base_share_one_index() -> None:
@@ -35,7 +36,7 @@ def test_a_large_support_is_drawn_from_and_compared_with_storm() -> None:
     assert len(set(base.names)) == len(base.models) == 200
     assert base.compared == COMPARED
     for name, model in list(zip(base.names, base.models, strict=True))[:5]:
-        compare(model, model_of(case.combination(name))).require_same()
+        compare(model, base.index.place(built(case.combination(name)))).require_same()
 
 
 def test_what_is_drawn_depends_on_the_seed_alone() -> None:
@@ -52,4 +53,4 @@ def test_what_is_drawn_depends_on_the_seed_alone() -> None:
 def test_optimum_of_what_is_met_in_the_papers_cases(number: int, value: float) -> None:
     case = load_case(MODELS / "paper-grid" / f"rq1-{number}.yaml")
     met = case.system("met")
-    assert optimum(model_of(met), met.objective.horizon) == pytest.approx(value, abs=1e-9)
+    assert optimum(built(met), met.objective.horizon) == pytest.approx(value, abs=1e-9)

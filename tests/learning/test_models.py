@@ -23,6 +23,7 @@ from merap.learning.models import train_models
 from merap.learning.policy import policy_table, stack_parameters
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.gymnasium_import import import_gymnasium
+from merap.mdp.index import index_of
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.planning import optimum
 from merap.strategies.evaluation import evaluator
@@ -137,7 +138,7 @@ def test_adaptation_through_reset_and_step() -> None:
         max_episode_steps=HORIZON,
     )
     model = import_gymnasium(env)
-    strategy = GradientStrategy(lakes().meta, model.valuations, 35, np.random.default_rng(1))
+    strategy = GradientStrategy(lakes().meta, index_of(model), 35, np.random.default_rng(1))
     with GymnasiumSystem(env, seed=0) as system:
         rows = adaptation_rows(system, strategy, evaluator(model, HORIZON), max_episodes=35 * 5)
         curve = [row.expected_return for row in rows]

@@ -22,6 +22,9 @@ MODELS = [
     pytest.param(ring_models, id="ring"),
 ]
 
+# Location 1 and mode 1 of three modes, behind two completed states.
+OF_A_SCANNING = 2 + 1 * 3 + 1
+
 
 def _batch(models: list[TabularMDP]) -> TaskBatch:
     return task_batch(models, RING_HORIZON, 0.9, torch.float64)
@@ -47,12 +50,14 @@ def test_transitions_and_rewards_are_the_models(models: Callable[[], list[Tabula
 
 
 @pytest.mark.parametrize("models", MODELS)
-def test_only_the_completed_state_ends_an_episode(models: Callable[[], list[TabularMDP]]) -> None:
+def test_only_completed_states_end_an_episode(models: Callable[[], list[TabularMDP]]) -> None:
     tasks = _batch(models())
-    last = tasks.num_states - 1
-    assert torch.equal(tasks.branch_continuation == 0, tasks.branch_target == last)
-    assert not tasks.enabled[:, last].any()
-    assert torch.equal(tasks.weight, torch.where(tasks.branch_target == last, 0.0, 0.9 * tasks.branch_prob))
+    completed = models()[0].labels["done"].copy()
+    ends = torch.from_numpy(completed)[tasks.branch_target.long()]
+    assert torch.equal(tasks.branch_continuation == 0, ends)
+    assert ends.any()
+    assert not tasks.enabled[:, completed].any()
+    assert torch.equal(tasks.weight, torch.where(ends, 0.0, 0.9 * tasks.branch_prob))
 
 
 @pytest.mark.parametrize("models", MODELS)
@@ -75,7 +80,7 @@ def test_an_action_has_branches_where_it_is_enabled(models: Callable[[], list[Ta
 def test_a_branch_keeps_its_own_reward() -> None:
     # `measure` earns 0.3 where it succeeds, with 0.9, and else costs 1; location A is 1, mode scanning 1
     tasks = _batch(ring_models())
-    state, measure = 1 * 3 + 1, 4
+    state, measure = OF_A_SCANNING, 4
     mine = _branches_of(tasks, 0, state, measure)
     drawn = dict(zip(tasks.branch_prob[mine].tolist(), tasks.branch_reward[mine].tolist(), strict=True))
     assert drawn == {0.9: 0.3, 0.1: -1.0}
@@ -85,8 +90,11 @@ def test_a_branch_keeps_its_own_reward() -> None:
 def test_a_model_without_rewards_of_branches_has_those_of_choices() -> None:
     model = ring_models()[0]
     plain = _batch([replace(model, branch_reward=None)])
-    choice = int(np.flatnonzero((model.choice_state == 4) & (model.choice_action == 4))[0])
-    assert plain.branch_reward[_branches_of(plain, 0, 4, 4)].tolist() == [model.choice_reward[choice]] * 2
+    choice = int(np.flatnonzero((model.choice_state == OF_A_SCANNING) & (model.choice_action == 4))[0])
+    assert (
+        plain.branch_reward[_branches_of(plain, 0, OF_A_SCANNING, 4)].tolist()
+        == [model.choice_reward[choice]] * 2
+    )
     torch.testing.assert_close(plain.expected_reward, _batch([model]).expected_reward, rtol=1e-12, atol=1e-12)
 
 
@@ -138,7 +146,7 @@ def test_a_model_of_another_index_is_refused() -> None:
     swapped = grid.valuations.copy()
     swapped[[0, 1]] = swapped[[1, 0]]
     with pytest.raises(
-        ModelError, match=r"^model 1 has other states than model 0; models must be canonical$"
+        ModelError, match=r"^model 1 has other states than model 0; models must be on one index$"
     ):
         task_batch([grid, replace(grid, valuations=swapped)], 3, 0.9)
     with pytest.raises(ModelError, match=r"^model 0 has no label 'done'$"):

@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
-from merap.families.build import canonical
 from merap.learning.config import TrainingConfig
 from merap.learning.episodes import rollout
 from merap.learning.exact import expected_return
@@ -23,6 +21,7 @@ from merap.runs.train import tasks_of
 from merap.strategies.adaptation import adapt
 from tests.support.hand_made import grid_combination
 from tests.support.learning_examples import ring_batch, seeded
+from tests.support.placed import model_of
 from tests.support.trained_runs import SMALL, trained
 
 HORIZON = 12
@@ -30,8 +29,7 @@ DISCOUNT = 0.95
 
 
 def grid_of(size: int, goal: tuple[int, int]) -> TabularMDP:
-    combination = grid_combination(goal=goal, size=size)
-    return canonical(combination, synthesise(combination))
+    return model_of(grid_combination(goal=goal, size=size))
 
 
 def grids_of(size: int, *goals: tuple[int, int]) -> TaskBatch:
@@ -53,7 +51,7 @@ def test_parameters_of_a_small_grid_run_and_adapt_on_a_larger_one() -> None:
     meta = trained_on_six_by_six("factored", updates=60)
     tasks = grids_of(9, (2, 2), (1, 3), (3, 1), (3, 2), (2, 3), (4, 2))
     carried = carried_over(meta, tasks)
-    assert carried.network.num_states == 82
+    assert carried.network.num_states == 83
     generator = seeded(0)
     parameters = stack_parameters(carried.parameters, tasks.num_tasks)
     values = []
@@ -78,7 +76,7 @@ def test_parameters_of_a_small_grid_run_and_adapt_on_a_larger_one() -> None:
 def test_a_policy_that_knows_states_by_number_stays_on_models_of_its_size() -> None:
     meta = trained_on_six_by_six("one_hot")
     assert carried_over(meta, grids_of(6, (5, 5))) is meta
-    with pytest.raises(InputError, match=r"observes 37 states one-hot, the models have 82; train with obser"):
+    with pytest.raises(InputError, match=r"observes 38 states one-hot, the models have 83; train with obser"):
         carried_over(meta, grids_of(9, (2, 2)))
 
 
@@ -86,7 +84,7 @@ def test_a_run_reads_back_what_its_policy_observes(tmp_path: Path) -> None:
     run = trained(tmp_path / "run", SMALL.model_copy(update={"observation": "factored"}))
     meta = read_policy(run, tasks_of(run))
     assert meta.network.features is not None
-    assert len(meta.network.features) == 82
+    assert len(meta.network.features) == 83
     assert meta.parameters["layer0.weight"].shape[0] == meta.network.features.shape[1]
     assert len(adapt(run, run.case.system("met"), steps=1).runs[0].curve) == 2
 

@@ -15,7 +15,7 @@ from merap.belief.space import hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import load_case
 from merap.errors import InputError
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.knowledge.base import KnowledgeBase, open_knowledge
 from merap.knowledge.event_log import JsonLines
 from merap.learning.config import TrainingConfig
@@ -35,6 +35,7 @@ from merap.systems.served_dialect import open_served
 from tests.support.hand_made import grid_combination
 from tests.support.http_servers import FlakyServer, Mishap, free_port, raw_server, served_system, serving
 from tests.support.loop_runs import scenario
+from tests.support.placed import index_of
 from tests.support.trained_runs import trained
 
 RUNNING = Path("models/running-example")
@@ -62,12 +63,13 @@ def test_a_belief_adapts_through_http_over_a_bad_connection() -> None:
     kinds: list[Mishap] = ["none", "lost", "answer lost", "failed", "rubbish"]
     drawn = np.random.default_rng(0).choice(5, 10_000, p=[0.9, *[0.025] * 4])
     server = FlakyServer(served_system(met, seed=1, detect=True), iter(()))
-    space = hypothesis_space(case)
+    index = index_of([met])
+    space = hypothesis_space(case, index=index)
     strategy = BeliefStrategy(space, 40, np.random.default_rng(2))
-    model = model_of(met)
+    model = index.place(built(met))
     with (
         raw_server(server) as url,
-        open_served(url, timeout=10, actions=case.actions, variables=space.variable_names) as remote,
+        open_served(url, timeout=10, actions=case.actions, variables=space.states.variable_names) as remote,
     ):
         assert remote.interface.horizon == 40
         server.mishaps = (kinds[index] for index in drawn)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from merap.errors import ModelError
-from merap.mdp.canonical import canonicalise
 from merap.mdp.difference import Difference, differences, model_difference, nearest
 from merap.mdp.model import TabularMDP
 from tests.support.mdp_examples import State, grid_cells, make_mdp, random_mdp, whole_paper_grid
 from tests.support.mdp_routes import dense
+from tests.support.placed import placed
 
 ACTIONS = ("stop", "up", "down", "left", "right")
 
@@ -25,7 +25,7 @@ def two_states(reach: float, reward: float, *, rest: bool = True) -> TabularMDP:
 
 
 def grid(goal: State = (4, 4), blocked: tuple[State, ...] = ()) -> TabularMDP:
-    return canonicalise(whole_paper_grid(goal=goal, blocked=blocked), grid_cells(), ("row", "col"), ACTIONS)
+    return placed(whole_paper_grid(goal=goal, blocked=blocked), grid_cells(), ("row", "col"), ACTIONS)
 
 
 def test_by_hand() -> None:

@@ -11,18 +11,18 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import FlattenObservation
 
 from merap.errors import InputError
-from merap.mdp.canonical import canonicalise
 from merap.mdp.evaluation import expected_return
 from merap.mdp.gymnasium_env import TABULAR_ID, MDPEnv, register_mdp
 from merap.mdp.gymnasium_spaces import ObservationKind
 from merap.mdp.model import TabularMDP
 from tests.support.mdp_examples import grid_cells, jump_grid, make_mdp, whole_paper_grid
+from tests.support.placed import placed
 
 MOVES = ("stop", "up", "down", "left", "right")
 
 
 def paper_grid(slip: float = 0.0) -> TabularMDP:
-    return canonicalise(whole_paper_grid(slip=slip), grid_cells(), ("row", "col"), MOVES)
+    return placed(whole_paper_grid(slip=slip), grid_cells(), ("row", "col"), MOVES)
 
 
 def corridor() -> TabularMDP:
@@ -40,7 +40,7 @@ def corridor() -> TabularMDP:
 
 
 @pytest.mark.parametrize("observation", ["state", "factored", "box"])
-@pytest.mark.parametrize("mdp", [paper_grid(0.2), jump_grid()], ids=["canonical", "endless"])
+@pytest.mark.parametrize("mdp", [paper_grid(0.2), jump_grid()], ids=["grid", "endless"])
 def test_gymnasium_finds_nothing_wrong(mdp: TabularMDP, observation: str) -> None:
     # Warnings are errors here, and the made environment also checks every step it takes.
     made = gymnasium.make(TABULAR_ID, mdp=mdp, horizon=18, observation=observation, render_mode="ansi")
@@ -85,7 +85,7 @@ def test_the_paper_episode() -> None:
     steps = episode(env, ["down", "right"] * 4 + ["stop"])
     assert [reward for _, reward, _, _ in steps] == [-0.5] * 8 + [10.0]
     assert [terminated for _, _, terminated, _ in steps] == [False] * 8 + [True]
-    assert steps[-1][0] == 81
+    assert steps[-1][0] == 1  # completed at the goal; elsewhere it would be 0
 
 
 def test_truncation_at_the_horizon_unless_terminated() -> None:
@@ -101,18 +101,18 @@ def test_without_a_horizon_episodes_go_on() -> None:
 def test_observations() -> None:
     grid = paper_grid()
     kinds: dict[ObservationKind, Any] = {
-        "state": gymnasium.spaces.Discrete(82),
-        "factored": gymnasium.spaces.MultiDiscrete([10, 10], start=[-1, -1]),
-        "box": gymnasium.spaces.Box(-1, 8, (2,), np.float32),
+        "state": gymnasium.spaces.Discrete(83),
+        "factored": gymnasium.spaces.MultiDiscrete([11, 11], start=[-2, -2]),
+        "box": gymnasium.spaces.Box(-2, 8, (2,), np.float32),
     }
-    expected = {"state": 1, "factored": [0, 1], "box": [0.0, 1.0]}
+    expected = {"state": 3, "factored": [0, 1], "box": [0.0, 1.0]}
     for kind, space in kinds.items():
         env = MDPEnv(grid, observation=kind)
         assert env.observation_space == space
         env.reset()
         np.testing.assert_array_equal(env.step(4)[0], expected[kind])
     flat = FlattenObservation(MDPEnv(grid))
-    assert flat.reset()[0].tolist() == [1] + [0] * 81  # one-hot, by Gymnasium's own means
+    assert flat.reset()[0].tolist() == [0, 0, 1] + [0] * 80  # one-hot, by Gymnasium's own means
 
 
 def test_masks_tell_what_is_enabled() -> None:

@@ -9,9 +9,9 @@ from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 from gymnasium.wrappers import TransformReward
 
 from merap.errors import InputError, ModelError
-from merap.mdp.canonical import canonicalise
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import import_gymnasium, import_table
+from merap.mdp.index import FamilyIndex
 from merap.mdp.model import Floats
 from merap.mdp.planning import backward_induction, value_iteration
 from tests.support.mdp_routes import assert_identical
@@ -114,11 +114,13 @@ def test_every_branch_is_one_of_the_table(environment: Any) -> None:
         assert ours[key] == pytest.approx(total, abs=1e-12)
 
 
-def test_it_is_in_canonical_form(environment: Any) -> None:
+def test_it_is_on_an_index(environment: Any) -> None:
     mdp = import_gymnasium(environment)
     assert mdp.action_names[-1] == "end"
     assert np.flatnonzero(mdp.labels["done"]).tolist() == [mdp.num_states - 1]
-    again = canonicalise(mdp, mdp.valuations[:-1], mdp.variable_names, mdp.action_names[:-1])
+    completed = {frozenset[str](): mdp.num_states - 1}
+    index = FamilyIndex(mdp.variable_names, mdp.valuations, completed, mdp.action_names[:-1])
+    again = index.place(mdp)
     for name in (
         "state_to_choice",
         "choice_to_branch",

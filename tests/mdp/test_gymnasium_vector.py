@@ -10,19 +10,19 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from merap.errors import InputError
-from merap.mdp.canonical import canonicalise
 from merap.mdp.evaluation import expected_return
 from merap.mdp.gymnasium_env import TABULAR_ID, MDPEnv
 from merap.mdp.gymnasium_spaces import ObservationKind
 from merap.mdp.gymnasium_vector import MDPVectorEnv
 from merap.mdp.model import Floats, Ints, TabularMDP
 from tests.support.mdp_examples import State, grid_cells, make_mdp, random_mdp, whole_paper_grid
+from tests.support.placed import placed
 
 HORIZON = 7
 
 
 def corridor(slip: float = 0.0) -> TabularMDP:
-    """Cells 0 to 2, canonical: no `left` in cell 0, `leave` in cell 2 alone, where it ends the task."""
+    """Cells 0 to 2 are states 1 to 3: no `left` in cell 0, `leave` in cell 2 alone, it ends the task."""
     ahead: dict[State, float] = {(2,): 1.0} if slip == 0 else {(2,): 1 - slip, (1,): slip}
     whole = make_mdp(
         {
@@ -35,7 +35,7 @@ def corridor(slip: float = 0.0) -> TabularMDP:
         actions=("left", "right", "leave", "end"),
         labels={"done": {(-1,)}},
     )
-    return canonicalise(whole, np.arange(3)[:, np.newaxis], ("cell",), ("left", "right", "leave"))
+    return placed(whole, np.arange(3)[:, np.newaxis], ("cell",), ("left", "right", "leave"))
 
 
 def legal(infos: dict[str, Any], rng: np.random.Generator) -> Ints:
@@ -158,7 +158,7 @@ def test_returns_are_distributed_as_planned(mdp: TabularMDP, make: Callable[[Tab
 
 def grid(goal: tuple[int, int]) -> TabularMDP:
     moves = ("stop", "up", "down", "left", "right")
-    return canonicalise(whole_paper_grid(3, goal), grid_cells(3), ("row", "col"), moves)
+    return placed(whole_paper_grid(3, goal), grid_cells(3), ("row", "col"), moves)
 
 
 def test_each_block_of_environments_has_its_model() -> None:
@@ -171,7 +171,7 @@ def test_each_block_of_environments_has_its_model() -> None:
     # The first two environments stand in their goal, the others in (0, 1) without one.
     assert reward.tolist() == [10, 10] + [-0.5] * 4
     assert terminated.tolist() == [True] * 2 + [False] * 4
-    assert observed.tolist() == [[-1, -1]] * 2 + [[0, 1]] * 4
+    assert observed.tolist() == [[-2, -2]] * 2 + [[0, 1]] * 4
     env.reset(seed=0)
     env.step([down] * 6)
     assert env.step([stop] * 6)[1].tolist() == [-0.5, -0.5, 10, 10, -0.5, -0.5]
@@ -181,7 +181,7 @@ def test_gymnasium_makes_it() -> None:
     made = gymnasium.make_vec(TABULAR_ID, num_envs=4, mdp=corridor(), horizon=HORIZON)
     assert isinstance(made, MDPVectorEnv)
     assert made.num_envs == 4
-    assert made.reset(seed=0)[0].tolist() == [0] * 4
+    assert made.reset(seed=0)[0].tolist() == [1] * 4
 
 
 def test_the_seed_determines_all() -> None:
@@ -231,7 +231,7 @@ def test_actions_are_ignored_where_an_episode_begins() -> None:
     env.reset(seed=0)
     env.step([1, 1])
     observed, reward, terminated, truncated, _ = env.step([-9, 99])
-    assert observed.tolist() == [0, 0]
+    assert observed.tolist() == [1, 1]
     assert reward.tolist() == [0, 0]
     assert not (terminated | truncated).any()
 

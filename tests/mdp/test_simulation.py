@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from merap.errors import ModelError
-from merap.mdp.canonical import canonicalise
 from merap.mdp.model import TabularMDP
 from merap.mdp.simulation import simulator
 from tests.support.mdp_examples import grid_cells, make_mdp, puterman_two_states, random_mdp, whole_paper_grid
+from tests.support.placed import placed
 
 
 def grid(goal: tuple[int, int] = (1, 2), slip: float = 0.0) -> TabularMDP:
     moves = ("stop", "up", "down", "left", "right")
-    return canonicalise(whole_paper_grid(3, goal, slip=slip), grid_cells(3), ("row", "col"), moves)
+    return placed(whole_paper_grid(3, goal, slip=slip), grid_cells(3), ("row", "col"), moves)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -49,13 +49,13 @@ def test_several_models_keep_apart() -> None:
         enabled = sim.choice[own] >= 0
         np.testing.assert_array_equal(enabled, model.enabled[:, :-1])
         np.testing.assert_array_equal(sim.completed[own], model.labels["done"])
-        # The choices of a canonical model are in the order of state and action, `end` last.
+        # The choices of a model on an index are in the order of state and action.
         choices = sim.choice[own][enabled]
-        prob = model.transitions.toarray()[:-1]
+        prob = model.transitions.toarray()[model.choice_action != model.num_actions - 1]
         for uniform in (0.1, 0.9):
             target = sim.target[sim.successors.draw(choices, np.full(len(choices), uniform))]
             assert np.all(prob[np.arange(len(choices)), target - n * model.num_states] > 0)
-        assert sim.first_states(np.array([n]), np.array([0.5])).tolist() == [n * model.num_states]
+        assert sim.first_states(np.array([n]), np.array([0.5])).tolist() == [n * model.num_states + 2]
 
 
 def test_end_is_no_action_but_other_models_keep_all_names() -> None:
@@ -75,7 +75,7 @@ def test_models_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ModelError, match="model 1 has actions"):
         simulator([grid(), puterman_two_states()])
     moves = ("stop", "up", "down", "left", "right")
-    larger = canonicalise(whole_paper_grid(4, (1, 2)), grid_cells(4), ("row", "col"), moves)
+    larger = placed(whole_paper_grid(4, (1, 2)), grid_cells(4), ("row", "col"), moves)
     with pytest.raises(ModelError, match="model 1 has other states"):
         simulator([grid(), larger])
 

@@ -82,7 +82,11 @@ def test_the_state_is_that_of_the_end(finished: RunFolder) -> None:
         assert policy.step_sizes[name].item() == sizes[name].item()
     assert state.variance is not None
     assert torch.equal(policy.variance, state.variance)
-    assert policy.network.layer_sizes == (82, 4, 5)  # 81 cells and the end; five actions
+    assert policy.network.layer_sizes == (
+        83,
+        4,
+        5,
+    )  # 81 cells, the end at the goal and elsewhere; five actions
     assert policy.rule.episodes == SMALL.episodes
 
 

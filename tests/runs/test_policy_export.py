@@ -9,14 +9,15 @@ import torch
 from scipy.special import softmax
 
 from merap.checker.storm import build_text
-from merap.families.build import model_of
+from merap.concerns.lookup import declared_case
+from merap.families.models import built
 from merap.learning.config import TrainingConfig
 from merap.learning.meta import MetaPolicy
 from merap.learning.policy import policy_table
 from merap.mdp.evaluation import expected_return
 from merap.runs.checkpoint import read_policy
 from merap.runs.policy_export import csv_text, npz_bytes, prism_text, tabulate
-from merap.runs.run_folder import RunFolder, read_tasks
+from merap.runs.run_folder import RunFolder, read_base
 from merap.runs.train import tasks_of
 from merap.strategies.adaptation import adapt
 from merap.strategies.adapted_policy import adapted_policy
@@ -39,7 +40,7 @@ def meta(run: RunFolder) -> MetaPolicy:
 
 
 def test_a_table_holds_what_the_learner_computes(run: RunFolder, meta: MetaPolicy) -> None:
-    models = read_tasks(run)
+    models = read_base(run).models
     table = tabulate(meta, models[:1])
     enabled = torch.from_numpy(models[0].enabled[:, :-1])
     with torch.no_grad():
@@ -51,41 +52,45 @@ def test_a_table_holds_what_the_learner_computes(run: RunFolder, meta: MetaPolic
 
 
 def test_csv_is_the_table_in_plain_text(run: RunFolder, meta: MetaPolicy) -> None:
-    table = tabulate(meta, read_tasks(run))
-    rows = list(csv.reader(io.StringIO(csv_text(table))))
+    table = tabulate(meta, read_base(run).models)
+    rows = list(csv.reader(io.StringIO(csv_text(table, run.case))))
     assert rows[0] == ["loc", "mode", *run.case.actions]
-    values = np.array(rows[1:], dtype=np.float64)
-    np.testing.assert_array_equal(values[:, :2], table.valuations[table.acting])
-    np.testing.assert_array_equal(values[:, 2:], table.probabilities[table.acting])
-    assert -1 not in values[:, :2]
+    case = declared_case(run.case)
+    assert [row[:2] for row in rows[1:]] == [
+        [case.space.locations[location], case.modes[mode]]
+        for location, mode in table.valuations[table.acting].tolist()
+    ]
+    shares = np.array([row[2:] for row in rows[1:]], dtype=np.float64)
+    np.testing.assert_array_equal(shares, table.probabilities[table.acting])
 
 
 def test_npz_tells_everything_without_pickle(run: RunFolder, meta: MetaPolicy) -> None:
-    table = tabulate(meta, read_tasks(run))
+    table = tabulate(meta, read_base(run).models)
     loaded = np.load(io.BytesIO(npz_bytes(table, run.case, "a title")), allow_pickle=False)
     assert str(loaded["case"]) == run.case.name
     assert str(loaded["digest"]) == run.case.digest
     assert str(loaded["title"]) == "a title"
     assert tuple(loaded["actions"]) == run.case.actions
     assert tuple(loaded["variables"]) == ("loc", "mode")
-    assert tuple(loaded["locations"]) == run.case.space.locations
-    assert tuple(loaded["modes"]) == run.case.modes
+    case = declared_case(run.case)
+    assert tuple(loaded["values_loc"]) == case.space.locations
+    assert tuple(loaded["values_mode"]) == case.modes
     masked = np.where(loaded["enabled"], loaded["logits"], -np.inf)
     np.testing.assert_allclose(softmax(masked, axis=1), loaded["probabilities"], atol=1e-12)
     np.testing.assert_array_equal(loaded["probabilities"] > 0, loaded["enabled"])
 
 
 def test_the_same_policy_gives_the_same_bytes(run: RunFolder, meta: MetaPolicy) -> None:
-    table = tabulate(meta, read_tasks(run))
+    table = tabulate(meta, read_base(run).models)
     assert npz_bytes(table, run.case, "a title") == npz_bytes(table, run.case, "a title")
 
 
 @pytest.mark.parametrize("system", ["met", "b_blocked.speed_high.g3"])
 def test_storm_gives_the_chain_the_value_of_the_policy(run: RunFolder, meta: MetaPolicy, system: str) -> None:
     """Storm on the text alone, against backward recursion on the model with the policy: two routes."""
-    met = run.case.system(system)
-    chain = build_text(prism_text(meta, met, "the meta policy"), "policy")
-    model = model_of(met)
+    met, base = run.case.system(system), read_base(run)
+    chain = build_text(prism_text(meta, base, met, "the meta policy"), "policy")
+    model = base.index.place(built(met))
     policy = tabulate(meta, [model]).with_end
     horizon = met.objective.horizon
     for discount, bound in ((1.0, f"C<={horizon}"), (met.discount, f"C<={horizon}discount={met.discount}")):
@@ -95,7 +100,7 @@ def test_storm_gives_the_chain_the_value_of_the_policy(run: RunFolder, meta: Met
 
 def test_an_adapted_policy_is_the_one_that_adapting_ends_with(run: RunFolder) -> None:
     met = run.case.system("met")
-    meta = adapted_policy(run, met, steps=2, episodes_per_step=4, seed=3)
+    meta, _ = adapted_policy(run, met, steps=2, episodes_per_step=4, seed=3)
     found = adapt(run, met, strategy="gradient", steps=2, episodes_per_step=4, seeds=[3])
     ours = tabulate(meta, [found.model]).with_end
     reachable = found.model.reachable
@@ -104,5 +109,5 @@ def test_an_adapted_policy_is_the_one_that_adapting_ends_with(run: RunFolder) ->
 
 
 def test_no_step_leaves_the_meta_policy(run: RunFolder, meta: MetaPolicy) -> None:
-    same = adapted_policy(run, run.case.system("met"), steps=0)
+    same, _ = adapted_policy(run, run.case.system("met"), steps=0)
     assert all(torch.equal(same.parameters[name], value) for name, value in meta.parameters.items())

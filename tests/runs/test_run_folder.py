@@ -15,7 +15,7 @@ from merap.errors import InputError, MerapError, OutputError
 from merap.families.build import build_base
 from merap.learning.config import TrainingConfig
 from merap.mdp.comparison import compare
-from merap.runs.run_folder import FORMAT, KIND, PACKAGES, RunFolder, create_run, read_run, read_tasks
+from merap.runs.run_folder import FORMAT, KIND, PACKAGES, RunFolder, create_run, read_base, read_run
 from merap.runs.train import resume
 from tests.support.paths import MODELS
 from tests.support.trained_runs import SMALL, contents, grid_case, trained
@@ -53,6 +53,7 @@ def test_a_finished_run_holds_what_the_module_says(finished: RunFolder) -> None:
     assert set(contents(finished.path)) == {
         "manifest.json",
         "case.yaml",
+        "base/index.npz",
         *(f"base/{name}.umb" for name in TASKS),
         "policy.safetensors",
         "checkpoint.safetensors",
@@ -72,6 +73,7 @@ def test_the_manifest_says_what_it_was_made_from(finished: RunFolder) -> None:
     assert set(found["versions"]) == {"python", *PACKAGES}
     assert [entry["file"] for entry in found["files"]] == [
         "case.yaml",
+        "base/index.npz",
         *(f"base/{name}.umb" for name in TASKS),
     ]
     for entry in found["files"]:
@@ -79,7 +81,7 @@ def test_the_manifest_says_what_it_was_made_from(finished: RunFolder) -> None:
         assert entry["sha256"] == hashlib.sha256(content).hexdigest()
 
 
-@pytest.mark.parametrize("other", [None, 1, 3, "2"])
+@pytest.mark.parametrize("other", [None, 1, 2, "3"])
 def test_a_run_of_another_version_is_refused_in_one_line(
     finished: RunFolder, tmp_path: Path, other: object
 ) -> None:
@@ -118,7 +120,10 @@ def test_the_base_reads_back_as_it_was_built(case: Path, tmp_path: Path) -> None
     study = load_case(case)
     base = build_base(study)
     create_run(tmp_path / "run", study, base, SMALL)
-    found = read_tasks(read_run(tmp_path / "run"))
+    read = read_base(read_run(tmp_path / "run"))
+    assert (read.names, read.kinds, read.horizons) == (base.names, base.kinds, base.horizons)
+    assert (read.covered, read.compared, read.cut_off) == (base.covered, base.compared, base.cut_off)
+    found = read.models
     assert len(found) == len(base.models)
     for model, built in zip(found, base.models, strict=True):
         compare(model, built).require_same()
@@ -178,6 +183,8 @@ def test_rubbish_is_not_a_run(tmp_path: Path, text: str) -> None:
         ("config", None),
         ("tasks", 3),
         ("tasks", None),
+        ("horizons", [18]),
+        ("horizons", ["long", 1, 2]),
     ],
 )
 def test_a_damaged_manifest_is_refused(run: Path, key: str, value: object) -> None:
@@ -218,7 +225,7 @@ def test_a_base_that_was_edited_is_refused(run: Path) -> None:
     one, other = (run / "base" / f"{name}.umb" for name in TASKS[:2])
     one.write_bytes(other.read_bytes())
     with pytest.raises(InputError, match=r"no_entry_r3c4.middle.umb: has changed since"):
-        read_tasks(read_run(run))
+        read_base(read_run(run))
 
 
 def test_a_case_with_a_space_file_reads_back(tmp_path: Path) -> None:
@@ -246,11 +253,11 @@ def test_a_damaged_base_is_refused(run: Path, damage: str) -> None:
         replacement = {"empty": b"", "cut": content[: len(content) // 2], "rubbish": b"years of work" * 1000}
         archive.write_bytes(replacement[damage])
     with pytest.raises(InputError, match=r"r4c3\.middle\.umb") as caught:
-        read_tasks(read_run(run))
+        read_base(read_run(run))
     assert "\n" not in str(caught.value)
 
 
 def test_a_run_without_tasks_is_refused(run: Path) -> None:
-    (run / "manifest.json").write_text(json.dumps({**manifest(run), "tasks": []}))
+    (run / "manifest.json").write_text(json.dumps({**manifest(run), "tasks": [], "horizons": []}))
     with pytest.raises(MerapError, match="no model"):
         resume(run)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.knowledge.base import open_knowledge
 from merap.learning.config import TrainingConfig
 from merap.mapek.replaying import check_decisions
@@ -28,7 +28,7 @@ MET = "broken_r1c1_r1c3_r2c3_r3c0"
 @pytest.mark.parametrize(("ice", "slippery"), [("dry", False), ("slippery", True)])
 def test_the_case_describes_gymnasiums_lake(ice: str, slippery: bool) -> None:
     """Two routes to the best probability of the goal; the case states a third as 0.3333."""
-    ours = model_of(load_case(LAKE).combination(f"{MET}.{ice}.corner"))
+    ours = built(load_case(LAKE).combination(f"{MET}.{ice}.corner"))
     theirs = import_gymnasium("FrozenLake-v1", is_slippery=slippery)
     assert optimum(ours, HORIZON) == pytest.approx(optimum(theirs, HORIZON), abs=2e-4)
 

@@ -23,6 +23,7 @@ from merap.shield.models import model_sets
 from merap.systems.interface import Observation
 from merap.systems.slip import slipping_model
 from tests.support.paths import MODELS
+from tests.support.placed import as_believed
 
 # Two rows of three cells; the upper one in the middle is a hole, and `up` may end beside.
 LEDGE = """\
@@ -74,11 +75,12 @@ def shipped(name: str) -> tuple[CaseStudy, HypothesisSpace]:
 
 
 def seen(space: HypothesisSpace, state: int, enabled: Bools, reward: float = 0.0) -> Observation:
-    return Observation(space.valuations[state], enabled, reward, 1.0, False)
+    return Observation(space.states.valuations[state], enabled, reward, 1.0, False)
 
 
-def hypotheses(case: CaseStudy, visited: set[int], slips: tuple[float, ...]) -> Iterator[TabularMDP]:
+def hypotheses(space: HypothesisSpace, visited: set[int], slips: tuple[float, ...]) -> Iterator[TabularMDP]:
     """A model for every set of closed cells without those visited, every slip and objective."""
+    case = space.case
     free = [place for place in range(case.space.num_locations) if place not in visited]
     for count in range(len(free) + 1):
         for closed in combinations(free, count):
@@ -88,7 +90,7 @@ def hypotheses(case: CaseStudy, visited: set[int], slips: tuple[float, ...]) -> 
                 environment = replace(base.environment, blocked=mask)
                 combination = replace(base, environment=environment, objective=objective)
                 for slip in slips:
-                    yield slipping_model(combination, slip)
+                    yield as_believed(space, slipping_model(combination, slip))
 
 
 def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseStudy) -> None:
@@ -100,7 +102,7 @@ def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseSt
     everywhere[ledge.actions.index("right")] = False
     tracker.begin(seen(space, 3, everywhere))
     # The way right is closed at the start, which the action's absence has told.
-    closed = [model for model in hypotheses(ledge, {3}, (0.0, 0.3)) if not model.enabled[3, 4]]
+    closed = [model for model in hypotheses(space, {3}, (0.0, 0.3)) if not model.enabled[3, 4]]
     sets = model_sets(closed)
     expected = robust_risk(sets.outcomes(np.ones(len(closed), dtype=np.bool_)))
     found = robust_risk(tracker.outcomes())
@@ -137,7 +139,7 @@ def test_a_step_loosens_what_it_refutes(ledge: CaseStudy) -> None:
 @pytest.mark.parametrize("name", ["hazard-grid", "running-example"])
 def test_the_prior_covers_every_model_of_the_base(name: str) -> None:
     case, space = shipped(name)
-    models = [slipping_model(combination, 0.0) for combination in case.combinations()]
+    models = [as_believed(space, slipping_model(one, 0.0)) for one in case.combinations()]
     base = robust_risk(model_sets(models).outcomes(np.ones(len(models), dtype=np.bool_)))
     found = robust_risk(CredibleTracker(space).outcomes())
     some = base.of_actions[:-1] < 1

@@ -29,7 +29,7 @@ def space(tmp_path_factory: pytest.TempPathFactory) -> HypothesisSpace:
 
 
 def at(space: HypothesisSpace, cell: int) -> Observation:
-    return Observation(space.valuations[cell], BOTH, -1.0, 1.0, False)
+    return Observation(space.states.valuations[cell], BOTH, -1.0, 1.0, False)
 
 
 class Restricted(Told):

@@ -52,7 +52,9 @@ class Told:
         self.time = 0
 
     def observation(self, location: str) -> Observation:
-        return Observation(self.space.valuations[state(self.space, location)], self.enabled, -1.0, 1.0, False)
+        return Observation(
+            self.space.states.valuations[state(self.space, location)], self.enabled, -1.0, 1.0, False
+        )
 
     def begin(self, location: str | None = None) -> None:
         """An episode, seen to begin at a location or not."""

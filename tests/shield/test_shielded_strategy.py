@@ -23,6 +23,7 @@ from merap.systems.simulated import SimulatedSystem
 from merap.systems.slip import slipping_model
 from merap.systems.strategy import Strategy
 from tests.support.paths import MODELS
+from tests.support.placed import as_believed
 
 
 @cache
@@ -123,7 +124,7 @@ def test_the_policy_is_within_the_mask_under_every_model_of_the_base() -> None:
     case, space = shipped("hazard-grid")
     strategy = shielded("hazard-grid", Reckless(space, np.random.default_rng(0)), 0.05)
     policy = strategy.policy()
-    models = [slipping_model(combination, 0.0) for combination in case.combinations()]
+    models = [as_believed(space, slipping_model(one, 0.0)) for one in case.combinations()]
     sets = model_sets(models).outcomes(np.ones(len(models), dtype=np.bool_))
     start = np.append(space.initial, 0.0)
     assert float(start @ policy_risk(sets, policy, 40)) <= 0.05

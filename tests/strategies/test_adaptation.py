@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
-from merap.families.build import canonical
+from merap.families.models import explored
 from merap.learning.config import TrainingConfig
 from merap.mdp.evaluation import expected_return
+from merap.mdp.index import index_of
 from merap.mdp.model import Floats
 from merap.runs.run_folder import RunFolder
 from merap.runs.train import begin_run
@@ -51,8 +51,14 @@ def meta_policy_of(run: RunFolder) -> Floats:
     logits = hidden @ stored["parameter.layer1.weight"] + stored["parameter.layer1.bias"]
     policy = np.exp(logits - logits.max(axis=1, keepdims=True))
     policy = np.column_stack([policy / policy.sum(axis=1, keepdims=True), np.zeros(len(policy))])
-    policy[-1] = np.eye(END + 1)[END]  # completed
+    policy[:2] = np.eye(END + 1)[END]  # completed at the goal and elsewhere
     return policy
+
+
+def by_hand(policy: Floats) -> Floats:
+    """The same policy for `MET`: its 81 cells and, last, its completed state."""
+    assert policy.shape[-2] == 2 + 81, policy.shape
+    return np.concatenate([policy[..., 2:, :], policy[..., :1, :]], axis=-2)
 
 
 def test_row_0_is_before_any_episode(of_hasty: Adaptation) -> None:
@@ -63,7 +69,7 @@ def test_row_0_is_before_any_episode(of_hasty: Adaptation) -> None:
 
 
 def test_row_0_is_the_meta_policy_whatever_the_seed(hasty: RunFolder, of_hasty: Adaptation) -> None:
-    mean, _ = moments(MET, meta_policy_of(hasty))
+    mean, _ = moments(MET, by_hand(meta_policy_of(hasty)))
     assert values(of_hasty, 0)[0] == values(of_hasty, 1)[0] == pytest.approx(mean, abs=1e-5)  # float32
 
 
@@ -74,21 +80,21 @@ def test_the_range_is_that_of_the_paper(of_hasty: Adaptation) -> None:
 
 def test_expected_returns_are_those_of_the_policies_on_the_true_model(of_hasty: Adaptation) -> None:
     for policy, value in ((of_hasty.before, values(of_hasty)[0]), (of_hasty.after, values(of_hasty)[-1])):
-        assert value == pytest.approx(moments(MET, policy)[0], abs=1e-6)
-        assert value == pytest.approx(expected_return(MET, policy, HORIZON), abs=1e-9)
+        assert value == pytest.approx(moments(MET, by_hand(policy))[0], abs=1e-6)
+        assert value == pytest.approx(expected_return(MET, by_hand(policy), HORIZON), abs=1e-9)
 
 
 def test_belief_is_scored_on_the_true_model_too(of_belief: Adaptation) -> None:
     for policy, value in ((of_belief.before, values(of_belief)[0]), (of_belief.after, values(of_belief)[-1])):
-        assert value == pytest.approx(moments(MET, policy)[0], abs=1e-9)
+        assert value == pytest.approx(moments(MET, by_hand(policy))[0], abs=1e-9)
 
 
 def test_the_true_model_is_the_system_that_is_met(hasty: RunFolder, of_hasty: Adaptation) -> None:
-    """Storm's arrays, the definition's and those made by hand are worth the same under one policy."""
+    """What adaptation plays on, what is explored and what was made by hand are worth the same."""
     met = hasty.case.system("met")
-    defined = canonical(met, synthesise(met))
+    defined = index_of(of_hasty.model).place(explored(met))
     policy = meta_policy_of(hasty)
-    mean, _ = moments(MET, policy)
+    mean, _ = moments(MET, by_hand(policy))
     for model in (of_hasty.model, defined):
         assert expected_return(model, policy, HORIZON) == pytest.approx(mean, abs=1e-9)
 
@@ -104,7 +110,7 @@ def test_sampled_returns_are_those_of_the_policy_that_acted(hasty: RunFolder) ->
         steps=1,
         seeds=(0, 1, 2),
     )
-    mean, variance = moments(MET, meta_policy_of(hasty))
+    mean, variance = moments(MET, by_hand(meta_policy_of(hasty)))
     assert variance > 0.01
     for run in found.runs:
         sampled = run.curve[1].sampled_return
@@ -119,12 +125,12 @@ def test_exploration_shows_in_what_is_sampled_and_not_in_what_is_expected(tmp_pa
     found = adapt(run, run.case.system("met"), strategy="gradient", episodes_per_step=episodes, steps=1)
     meta = meta_policy_of(run)
     uniform = np.where(np.arange(END + 1) < END, 0.2, 0.0) * np.ones((len(meta), 1))
-    uniform[-1] = meta[-1]
-    mean, variance = moments(MET, 0.999 * uniform + 0.001 * meta)
+    uniform[:2] = meta[:2]
+    mean, variance = moments(MET, by_hand(0.999 * uniform + 0.001 * meta))
     sampled = found.runs[0].curve[1].sampled_return
     assert sampled is not None
     assert abs(sampled - mean) <= 4 * math.sqrt(variance / episodes)
-    assert values(found)[0] == pytest.approx(moments(MET, meta)[0], abs=1e-5)
+    assert values(found)[0] == pytest.approx(moments(MET, by_hand(meta))[0], abs=1e-5)
 
 
 @pytest.mark.parametrize("strategy", [GRADIENT, BELIEF])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from merap.mdp.index import index_of
 from merap.mdp.model import Floats
 from merap.strategies.evaluation import evaluator
 from merap.strategies.fixed import FixedStrategy, optimal_policy
@@ -14,7 +15,7 @@ MODEL = grid_model(TASK)
 
 def played(policy: Floats, allowed_action: int | None = None) -> list[int]:
     """The actions of an episode."""
-    strategy = FixedStrategy(policy, MODEL.valuations, np.random.default_rng(0), "because")
+    strategy = FixedStrategy(policy, index_of(MODEL), np.random.default_rng(0), "because")
     system = SimulatedSystem(MODEL, HORIZON, np.random.default_rng(0))
     observation = system.reset()
     strategy.begin(observation)
@@ -51,7 +52,7 @@ def test_after_a_gap_it_goes_on_at_the_time_that_it_is() -> None:
     policy = np.zeros((HORIZON, MODEL.num_states, 5))
     policy[:5, :, 2] = 1  # down
     policy[5:, :, 1] = 1  # up
-    strategy = FixedStrategy(policy, MODEL.valuations, np.random.default_rng(0), "because")
+    strategy = FixedStrategy(policy, index_of(MODEL), np.random.default_rng(0), "because")
     first = SimulatedSystem(MODEL, HORIZON, np.random.default_rng(0)).reset()
     found = []
     for time in (0, 4, 5):

@@ -14,6 +14,7 @@ from merap.learning.meta import MetaPolicy, step_rule
 from merap.learning.models import train_tasks
 from merap.learning.policy import PolicyNetwork, initial_parameters, policy_table, stack_parameters
 from merap.learning.tasks import TaskBatch, task_batch
+from merap.mdp.index import index_of
 from merap.mdp.model import TabularMDP
 from merap.strategies.evaluation import evaluator, executed, reachable_range
 from merap.strategies.gradient import STEP_SIZE, GradientStrategy, untrained
@@ -79,7 +80,7 @@ def test_a_step_is_that_on_the_known_model(model: TabularMDP, exploration: float
     tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
     assert not tasks.enabled.all()
     meta = meta_policy(tasks, 0, exploration)
-    strategy = GradientStrategy(meta, model.valuations, 4, np.random.default_rng(0))
+    strategy = GradientStrategy(meta, index_of(model), 4, np.random.default_rng(0))
     system = Recorder(model, RING_HORIZON, 0)
     adapted(
         0,
@@ -104,7 +105,7 @@ def test_a_step_is_that_on_the_known_model(model: TabularMDP, exploration: float
     found = executed(model, strategy.policy())[:, :-1]
     reached = model.reachable & ~model.labels["done"]
     np.testing.assert_allclose(found[reached], expected[reached], atol=1e-5)
-    start = executed(model, GradientStrategy(meta, model.valuations, 4, np.random.default_rng(0)).policy())
+    start = executed(model, GradientStrategy(meta, index_of(model), 4, np.random.default_rng(0)).policy())
     assert np.abs(found - start[:, :-1]).max() > 1e-3
 
 
@@ -128,7 +129,7 @@ def test_a_gap_leaves_an_episode_one() -> None:
     model = ring_models()[0]
     tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
     meta = meta_policy(tasks, 0, 0.3)
-    strategy = GradientStrategy(meta, model.valuations, 2, np.random.default_rng(0))
+    strategy = GradientStrategy(meta, index_of(model), 2, np.random.default_rng(0))
     system, gap = Recorder(model, RING_HORIZON, 0), {1, 2}
     for _ in range(2):
         with_gap(system, strategy, gap)
@@ -153,7 +154,7 @@ def test_it_acts_by_the_policy_with_exploration() -> None:
     model = ring_models()[0]
     tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
     meta = meta_policy(tasks, 1, 0.3)
-    strategy = GradientStrategy(meta, model.valuations, 1, np.random.default_rng(5))
+    strategy = GradientStrategy(meta, index_of(model), 1, np.random.default_rng(5))
     system = Recorder(model, RING_HORIZON, 0)
     first = system.reset()
     strategy.begin(first)
@@ -176,7 +177,7 @@ def test_a_shield_is_obeyed_even_against_the_policy() -> None:
     certain["layer1.bias"][1] = 1000.0
     strategy = GradientStrategy(
         MetaPolicy(meta.network, certain, meta.step_sizes, meta.variance, meta.rule),
-        model.valuations,
+        index_of(model),
         1,
         np.random.default_rng(0),
     )
@@ -190,7 +191,7 @@ def test_a_mask_goes_into_the_logits_and_into_the_gradient() -> None:
     model = grid_model(grid_task((1, 1)))
     tasks = task_batch([model], HORIZON, DISCOUNT)
     meta = meta_policy(tasks, 0, 0.0)
-    strategy = GradientStrategy(meta, model.valuations, 2, np.random.default_rng(0))
+    strategy = GradientStrategy(meta, index_of(model), 2, np.random.default_rng(0))
     mask = np.ones((model.num_states, 5), dtype=np.bool_)
     mask[:, 1] = False
     mask[3] = False
@@ -231,7 +232,7 @@ def test_it_adapts(seed: int) -> None:
     meta = train_tasks(tasks, TrainingConfig(updates=60, seed=seed, learning_rate=0.02))
     met = grid_task((2, 1))
     model = grid_model(met)
-    strategy = GradientStrategy(meta, model.valuations, 20, np.random.default_rng(seed))
+    strategy = GradientStrategy(meta, index_of(model), 20, np.random.default_rng(seed))
     assert strategy.explain() == ("the meta policy as before any episode",)
     run = adapted(
         seed,
@@ -269,7 +270,7 @@ def test_ope_keeps_a_running_variance_of_its_own() -> None:
     model = ring_models()[0]
     tasks = task_batch([model], RING_HORIZON, RING_DISCOUNT)
     meta = meta_policy(tasks, 0, 0.0)
-    strategy = GradientStrategy(meta, model.valuations, 4, np.random.default_rng(0), trained=False)
+    strategy = GradientStrategy(meta, index_of(model), 4, np.random.default_rng(0), trained=False)
     system = Recorder(model, RING_HORIZON, 0)
     limits = evaluator(model, RING_HORIZON), reachable_range(model, RING_HORIZON)
     adapted(0, system, strategy, *limits, max_episodes=8)
@@ -291,7 +292,7 @@ def test_ope_keeps_a_running_variance_of_its_own() -> None:
 def test_a_state_that_the_case_lacks_is_refused() -> None:
     model = grid_model(grid_task((1, 1)))
     meta = meta_policy(task_batch([model], HORIZON, DISCOUNT), 0, 0.0)
-    strategy = GradientStrategy(meta, model.valuations, 1, np.random.default_rng(0))
+    strategy = GradientStrategy(meta, index_of(model), 1, np.random.default_rng(0))
     strange = Observation(np.array([9, 0]), np.ones(5, dtype=np.bool_), 0.0, 1.0, truncated=False)
     with pytest.raises(InputError, match=r"\(9, 0\)"):
         strategy.begin(strange)

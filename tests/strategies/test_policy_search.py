@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from merap.concerns.case_study import load_case
-from merap.families.build import model_of
 from merap.learning.exact import expected_return as exact_return
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
 from merap.learning.tasks import TaskBatch, task_batch
@@ -18,6 +17,7 @@ from merap.strategies.policy_search import SearchSettings, joint_parameters, sep
 from tests.support.grid_tasks import DISCOUNT, HORIZON, grid_model, grid_task
 from tests.support.learning_examples import RING_DISCOUNT, RING_HORIZON, ring_models
 from tests.support.paths import MODELS
+from tests.support.placed import models_of
 
 NETWORK = PolicyNetwork(82, 5, (16, 16))
 # The second is around a wall, the third at the far end of what 18 steps reach.
@@ -69,7 +69,6 @@ def test_the_joint_policy_is_better_on_average_than_a_policy_for_one() -> None:
     """Goals one and two steps to the right: the joint policy stops at the first, for a time."""
     models = [grid_model(grid_task(goal)) for goal in ((0, 1), (0, 2))]
     tasks = task_batch(models, HORIZON, DISCOUNT)
-
     def mean(parameters: Parameters) -> float:
         policies = tables(parameters, tasks, NETWORK)
         pairs = zip(models, policies, strict=True)
@@ -86,17 +85,18 @@ def test_the_joint_policy_is_better_on_average_than_a_policy_for_one() -> None:
 def test_the_joint_policy_for_many_obstacles_is_about_as_good_as_the_best_for_one() -> None:
     """A policy for one is one for all, too: -1.66 on RQ1-2; joint -1.80, with much entropy alone -6.0."""
     case = load_case(MODELS / "paper-grid" / "rq1-2.yaml")
-    models = [model_of(case.combination_at(index)) for index in range(0, case.size, 1000)]
+    models = models_of([case.combination_at(index) for index in range(0, case.size, 1000)])
     tasks = task_batch(models, HORIZON, DISCOUNT)
+    network = PolicyNetwork(tasks.num_states, tasks.num_actions, NETWORK.hidden, NETWORK.activation)
 
     def mean(parameters: Parameters) -> float:
         stacked = stack_parameters(parameters, tasks.num_tasks)
         with torch.no_grad():
-            return float(exact_return(policy_table(NETWORK, stacked, tasks.enabled), tasks).mean())
+            return float(exact_return(policy_table(network, stacked, tasks.enabled), tasks).mean())
 
-    separate = separate_parameters(NETWORK, tasks, SEED_SETTINGS)
+    separate = separate_parameters(network, tasks, SEED_SETTINGS)
     single = [mean({name: value[own] for name, value in separate.items()}) for own in range(len(models))]
-    assert mean(joint_parameters(NETWORK, tasks, SEED_SETTINGS)) >= max(single) - 0.3
+    assert mean(joint_parameters(network, tasks, SEED_SETTINGS)) >= max(single) - 0.3
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import pytest
 
 from merap.errors import InputError, ModelError
 from merap.mdp.evaluation import as_policy
+from merap.mdp.index import index_of
 from merap.mdp.model import Bools, Floats
 from merap.mdp.planning import backward_induction
 from merap.strategies.evaluation import evaluator, executed, reachable_range
@@ -91,12 +92,12 @@ def test_what_is_no_policy_is_refused(policy: Floats) -> None:
 
 
 def test_states_are_found_by_their_values() -> None:
-    index = StateIndex(MODEL.valuations)
+    index = StateIndex(index_of(MODEL))
     seen = Observation(np.array([2, 3]), np.ones(5, dtype=np.bool_), 0.0, 1.0, False)
     assert index(seen) == 2 * 9 + 3
     ended = Observation(np.array([2, 3]), np.ones(5, dtype=np.bool_), 0.0, 0.0, False)
-    assert index(ended) == 81
-    with pytest.raises(InputError, match=r"\(9, 9\) is none of the case's 81"):
+    assert index(ended) == 81  # completed
+    with pytest.raises(InputError, match=r"\(9, 9\) is none of the 81 known ones"):
         index(Observation(np.array([9, 9]), np.ones(5, dtype=np.bool_), 0.0, 1.0, False))
 
 

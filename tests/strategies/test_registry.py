@@ -55,11 +55,13 @@ class ResetAndStepAlone:
 
 @pytest.mark.parametrize("kind", STRATEGIES)
 def test_every_strategy_adapts_through_reset_and_step(problem: AdaptationProblem, kind: str) -> None:
+    model = problem.truth.model_on(problem.context.index)
+
     def curve_and_actions() -> tuple[list[float], list[int]]:
         strategy = make_strategy(named(problem, kind), problem.context, np.random.default_rng(1))
         assert strategy.episodes_per_update == episodes_per_update(named(problem, kind), 2)
-        system = ResetAndStepAlone(problem.truth.model, 0)
-        rows = list(adaptation_rows(system, strategy, evaluator(problem.truth.model, HORIZON), 4))
+        system = ResetAndStepAlone(model, 0)
+        rows = list(adaptation_rows(system, strategy, evaluator(model, HORIZON), 4))
         assert all(strategy.explain())
         return [row.expected_return for row in rows], system.taken
 

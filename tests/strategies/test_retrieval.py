@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.learning.tasks import task_batch
+from merap.mdp.index import index_of
 from merap.mdp.model import TabularMDP
+from merap.runs.train import batch_of
 from merap.strategies.evaluation import evaluator, reachable_range
 from merap.strategies.fixed import optimal_policy
 from merap.strategies.retrieval import FitSettings, RetrievalStrategy
@@ -17,6 +18,7 @@ from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex
 from tests.support.grid_tasks import DISCOUNT, HORIZON, block, grid_model, grid_task
+from tests.support.placed import base_of
 from tests.support.whole_adaptations import adapted
 
 GOALS = block((3, 6), (3, 6))
@@ -26,9 +28,8 @@ RIGHT = np.arange(5) == 4
 def retrieval(
     models: Sequence[TabularMDP], horizon: int, discount: float, settings: FitSettings | None = None
 ) -> RetrievalStrategy:
-    tasks = task_batch(models, horizon, discount)
-    names = [f"case{number}" for number in range(len(models))]
-    return RetrievalStrategy(names, models, tasks, horizon, np.random.default_rng(0), settings)
+    base = base_of(models, horizon, discount)
+    return RetrievalStrategy(base, batch_of(base), horizon, np.random.default_rng(0), settings)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -111,11 +112,12 @@ def test_a_state_that_a_case_can_not_reach_speaks_against_it() -> None:
 def test_which_actions_are_enabled_speaks_for_a_case() -> None:
     """Two equal cases but for a mask, at a place where nothing was done."""
     models = [grid_model(grid_task((4, 4)))] * 2
-    tasks = task_batch(models, HORIZON, DISCOUNT)
+    base = replace(base_of(models, HORIZON, DISCOUNT), names=("less", "more"))
+    tasks = batch_of(base)
     enabled = tasks.enabled.clone()
     enabled[0, 0, 1] = False
     masked = replace(tasks, enabled=enabled)
-    strategy = RetrievalStrategy(["less", "more"], models, masked, HORIZON, np.random.default_rng(0))
+    strategy = RetrievalStrategy(base, masked, HORIZON, np.random.default_rng(0))
     strategy.begin(observed((0, 0), 0.0))
     strategy.update()
     assert strategy.explain()[0] == "plays more, of 1 cases that fit best"
@@ -126,7 +128,7 @@ def test_after_a_gap_the_retrieved_policy_goes_on_at_the_time_that_it_is() -> No
     model = grid_model(grid_task((0, 2)))
     strategy = retrieval([model], HORIZON, DISCOUNT)
     best = strategy.policy()
-    number = StateIndex(model.valuations)(observed((0, 0), 0.0))
+    number = StateIndex(index_of(model))(observed((0, 0), 0.0))
     assert (best[0, number] != best[HORIZON - 1, number]).any()
     for time in (0, HORIZON - 1):
         strategy.begin(observed((0, 0), 0.0), time, resumed=time > 0)

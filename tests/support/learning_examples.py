@@ -9,13 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from merap.concerns.synthesis import synthesise
-from merap.families.build import canonical
 from merap.learning.policy import Parameters, PolicyNetwork, initial_parameters
 from merap.learning.tasks import TaskBatch, task_batch
 from merap.mdp.model import Floats, TabularMDP
 from tests.support.grid_tasks import DISCOUNT, HORIZON, grid_model, grid_task
 from tests.support.hand_made import graph_combination, with_environment, with_objective
+from tests.support.placed import models_of
 
 RING_HORIZON = 12
 RING_DISCOUNT = 0.9
@@ -24,12 +23,12 @@ RING_DISCOUNT = 0.9
 def ring_models() -> list[TabularMDP]:
     """Three stochastic models of 13 states with disabled actions: the goal open, shut, and another start."""
     ring = graph_combination()
-    variants = (
+    variants = [
         ring,
         with_environment(ring, blocked=np.array([False, False, False, True])),
         with_objective(ring, start=np.array([0.0, 0.25, 0.75, 0.0])),
-    )
-    return [canonical(variant, synthesise(variant)) for variant in variants]
+    ]
+    return models_of(variants)
 
 
 def grid_models(slip: float) -> list[TabularMDP]:

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from merap.errors import InputError
 from merap.mdp.gymnasium_env import MDPEnv
 from merap.mdp.gymnasium_import import import_gymnasium
+from merap.mdp.index import index_of
 from merap.mdp.planning import backward_induction
 from merap.systems.gymnasium import GymnasiumSystem
 from merap.systems.interface import SystemFault
@@ -61,7 +62,7 @@ def test_what_is_seen_of_a_tabular_environment_is_possible_in_its_model(env_id: 
     """Random steps: every successor, reward and end that is seen is a branch of `import_gymnasium`."""
     mdp = import_gymnasium(env_id)
     generator = np.random.default_rng(0)
-    index = StateIndex(mdp.valuations)
+    index = StateIndex(index_of(mdp))
     with GymnasiumSystem(env_id, seed=3, masked=False) as system:
         assert system.actions == mdp.action_names[:-1]
         found = system.reset()
@@ -83,7 +84,7 @@ def test_what_is_seen_of_a_tabular_environment_is_possible_in_its_model(env_id: 
 def test_the_best_policy_of_the_model_is_worth_the_same_in_the_environment() -> None:
     """FrozenLake without ice: six steps to the goal, which earns 1."""
     mdp = import_gymnasium("FrozenLake-v1", is_slippery=False)
-    best, index = backward_induction(mdp, 6), StateIndex(mdp.valuations)
+    best, index = backward_induction(mdp, 6), StateIndex(index_of(mdp))
     with GymnasiumSystem("FrozenLake-v1", arguments={"is_slippery": False}) as system:
         found, earned = system.reset(), 0.0
         for time in range(6):

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
-from merap.families.build import canonical
 from merap.mdp.model import TabularMDP
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from tests.support.grid_tasks import ACTIONS, HORIZON, grid_model, grid_task
 from tests.support.hand_made import graph_combination
+from tests.support.placed import model_of
 
 STOP, UP, DOWN, LEFT, RIGHT = range(5)
 GOAL_NEAR = grid_model(grid_task((0, 2)))
@@ -34,8 +33,7 @@ def trace(simulated: SimulatedSystem, actions: list[int]) -> list[tuple[list[int
 
 def ring() -> TabularMDP:
     """Four locations and three modes; starts are 0 with 1/4 and 1 with 3/4."""
-    combination = graph_combination()
-    return canonical(combination, synthesise(combination))
+    return model_of(graph_combination())
 
 
 def assert_share(count: int, probability: float, draws: int = DRAWS) -> None:

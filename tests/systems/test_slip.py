@@ -11,7 +11,7 @@ from merap.belief.posterior import prior_belief
 from merap.belief.space import hypothesis_space
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.errors import InputError
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.mdp.comparison import compare
 from merap.mdp.model import TabularMDP
 from merap.systems.slip import slipping_model
@@ -36,7 +36,7 @@ def believed(case: CaseStudy, environment: int, capability: int, slip: float) ->
 
 def test_without_slip_it_is_the_model_that_storm_builds() -> None:
     met = load_case(RUNNING).system("met")
-    compare(slipping_model(met, 0.0), model_of(met)).require_same()
+    compare(slipping_model(met, 0.0), built(met)).require_same()
 
 
 def test_the_grid_that_slips_is_the_one_made_by_hand() -> None:

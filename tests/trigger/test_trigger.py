@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from merap.concerns.combination import Combination
+from merap.mdp.index import index_of
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.strategy import StateIndex
 from merap.trigger.change import ChangeTrigger
@@ -29,7 +30,7 @@ def before() -> Known:
 
 def episode(system: SimulatedSystem, forecast: Forecast, trigger: Trigger) -> Alarm | None:
     """The first alarm of an episode with the known model's policy."""
-    number = StateIndex(before().model.valuations)
+    number = StateIndex(index_of(before().model))
     here, found = number(system.reset()), None
     for t in range(before().horizon):
         action = int(before().policy[t, here].argmax())

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.mdp.planning import optimum
 from scripts.bench.belief_quality import belief_problem, drawn_figures, followed_belief
 from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
@@ -17,7 +17,7 @@ PAPER = MODELS / "paper-grid"
 def test_slip_is_in_the_model_that_scores() -> None:
     case = load_case(PAPER / "rq1-1.yaml")
     problem = belief_problem(case, NoiseCondition("slip", slip=0.1))
-    assert problem.truth.reachable.optimum < optimum(model_of(case.system("met")), 18)
+    assert problem.truth.reachable.optimum < optimum(built(case.system("met")), 18)
 
 
 def test_drawn_cases_are_met_once_each(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.families.build import model_of
+from merap.families.models import built
 from merap.mdp.planning import optimum
 from scripts.bench.drawn_grids import SIZES, drawn_case, drawn_text
 from scripts.bench.following import outside_of
@@ -22,7 +22,7 @@ def test_what_is_met_can_reach_its_goal_in_time(tmp_path: Path, number: int) -> 
     assert size in SIZES
     assert system.objective.horizon == 2 * size
     # The reward of the goal is 10 and a step costs 0.5: without the goal an episode costs the size.
-    assert optimum(model_of(system), system.objective.horizon) > -size
+    assert optimum(built(system), system.objective.horizon) > -size
 
 
 def test_a_number_repeats_itself_and_another_differs() -> None:

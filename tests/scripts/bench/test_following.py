@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.families.build import model_of
+from merap.mdp.index import index_of
 from merap.mdp.model import Floats
 from merap.strategies.evaluation import Run, reachable_range
 from merap.strategies.fixed import FixedStrategy, optimal_policy
 from merap.systems.simulated import SimulatedSystem
 from scripts.bench.following import Lengths, followed, outside_of
 from tests.support.paths import MODELS
+from tests.support.placed import model_of
 
 PAPER = MODELS / "paper-grid"
 HORIZON = 18
@@ -26,7 +27,7 @@ def followed_policy(policy: Floats, lengths: Lengths) -> Run:
     system = load_case(PAPER / "rq1-1.yaml").system("met")
     model = model_of(system)
     of_system, of_strategy = np.random.default_rng(0).spawn(2)
-    strategy = FixedStrategy(policy, model.valuations, of_strategy, "given")
+    strategy = FixedStrategy(policy, index_of(model), of_strategy, "given")
     simulated = SimulatedSystem(system, HORIZON, of_system)
     return followed(0, simulated, strategy, model, reachable_range(model, HORIZON), HORIZON, lengths)
 
