@@ -5,7 +5,7 @@ Axes: V variables.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import prod
 
@@ -14,8 +14,6 @@ import numpy as np
 from merap.families.observation import VariableKind, variable_kind
 from merap.mdp.index import FamilyIndex, new_index
 from merap.mdp.model import Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
-from merap.program.expressions import Expression, Operation, Variable
 from merap.program.form import Program, StateVariable
 
 # All valuations are on the index if those that members reach are no less than this part of them.
@@ -51,8 +49,8 @@ def family_index(
 def index_kinds(programs: Iterable[Program]) -> tuple[VariableKind, ...]:
     """Return the kinds of the variables that tell the states of programs of one family apart.
 
-    These are all variables but `done`, where that alone makes a state complete. A kind's range is that of
-    all programs together.
+    These are all variables but the flag, which is false in every state that is not complete. A kind's range
+    is that of all programs together.
     """
     found: dict[str, VariableKind] = {}
     for program in programs:
@@ -64,19 +62,5 @@ def index_kinds(programs: Iterable[Program]) -> tuple[VariableKind, ...]:
 
 
 def telling_variables(program: Program) -> tuple[StateVariable, ...]:
-    """Return the variables that tell states apart: all but `done`, where that alone makes one complete."""
-    flags = {
-        part.name
-        for part in _alternatives(program.labels[COMPLETE_LABEL])
-        if isinstance(part, Variable) and part.name == FLAG_VARIABLE
-    }
-    return tuple(one for one in program.variables if one.name not in flags) or program.variables
-
-
-def _alternatives(condition: Expression) -> Iterator[Expression]:
-    """Yield the parts of a disjunction."""
-    if isinstance(condition, Operation) and condition.operator == "|":
-        for part in condition.arguments:
-            yield from _alternatives(part)
-    else:
-        yield condition
+    """Return the variables that tell states apart: all but the flag, where there are others."""
+    return tuple(one for one in program.variables if one.name != program.flag) or program.variables

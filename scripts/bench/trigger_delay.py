@@ -16,11 +16,10 @@ import numpy as np
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.mdp.model import Floats, TabularMDP
-from merap.systems.slip import slipping_model
 from merap.trigger.readings import ObservedSteps, Readings, joined
 from merap.trigger.settings import ChangeSettings, WindowSettings
 from scripts.bench.trigger_batch import first_alarm, trace, window_rewards
-from scripts.bench.trigger_streams import Effect, Known, Noise, effect, gaussian, known, stream
+from scripts.bench.trigger_streams import Effect, Known, Noise, effect, gaussian, known, placed, stream
 
 # A loss of that part of the value must be seen.
 COSTLY = 0.2
@@ -57,7 +56,7 @@ class World:
 
     def model(self, combination: Combination) -> TabularMDP:
         """Return the model of the combination as it really is."""
-        return slipping_model(combination, self.slip if self.real_slip is None else self.real_slip)
+        return placed(combination, self.slip if self.real_slip is None else self.real_slip)
 
     def episodes(
         self, before: Known, real: TabularMDP, count: int, generator: np.random.Generator
@@ -158,7 +157,7 @@ def wear(
     """
     for combination in case.sample(count, generator):
         before = known(combination, world.slip)
-        real = slipping_model(combination, slip)
+        real = placed(combination, slip)
         name = f"{combination.name}, slip {slip}"
         yield Change(name, before, world.model(combination), real, effect(before, real))
 

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from merap.concerns.combination import Combination
+from merap.families.index import family_index, index_kinds
 from merap.mdp.evaluation import as_policy, expected_return
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.mdp.planning import backward_induction, worst_value
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.mdp.simulation import simulator
 from merap.strategies.evaluation import executed
 from merap.systems.slip import slipping_model
@@ -60,9 +62,16 @@ class Effect:
     loss: float
 
 
+def placed(combination: Combination, slip: float) -> TabularMDP:
+    """Return a combination that slips, on the index of locations and modes with one completed state."""
+    whole = slipping_model(combination, slip)
+    alike = replace(whole, labels={COMPLETE_LABEL: whole.labels[COMPLETE_LABEL]})
+    return family_index(index_kinds([combination.program]), combination.actions, [alike]).place(alike)
+
+
 def known(combination: Combination, slip: float) -> Known:
     """Return a combination that slips, and the best policy for it."""
-    model, horizon = slipping_model(combination, slip), combination.objective.horizon
+    model, horizon = placed(combination, slip), combination.objective.horizon
     plan = backward_induction(model, horizon)
     return Known(model, as_policy(model, plan.actions)[..., :-1], horizon, plan.value)
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
-
-import pytest
 
 from merap.concerns.case_study import load_case
 from merap.families.index import family_index, index_kinds
 from merap.families.models import explored
 from merap.families.observation import VariableKind
 from merap.mdp.model import TabularMDP
-from merap.program.expressions import parse
 from merap.program.form import Program
 from tests.support.hand_made import graph_combination
 from tests.support.mdp_examples import make_mdp
@@ -61,24 +59,14 @@ def test_kinds_of_a_graph() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("complete", "names"),
-    [
-        ("done", ["x"]),
-        ("x = 2 | (done | x = 1)", ["x"]),
-        # it makes a state complete only together with x, so it tells states apart
-        ("done & x = 2", ["x", "done"]),
-        ("x = 2", ["x", "done"]),
-    ],
-)
-def test_a_variable_that_only_completes_is_left_out(complete: str, names: list[str]) -> None:
-    process = process_of(x=(0, 2))
-    program = Program("p", (process, process_of(done=(0, 1))), {"done": parse(complete)})
-    assert [kind.name for kind in index_kinds([program])] == names
+def test_the_flag_is_left_out_where_other_variables_tell_states_apart() -> None:
+    flagged = Program("p", (process_of(x=(0, 2)), process_of(done=(0, 1))), flag="done")
+    assert [kind.name for kind in index_kinds([flagged])] == ["x"]
+    assert [kind.name for kind in index_kinds([replace(flagged, flag=None)])] == ["x", "done"]
 
 
 def test_an_only_variable_stays() -> None:
-    program = Program("p", (process_of(done=(0, 1)),), {"done": parse("done")})
+    program = Program("p", (process_of(done=(0, 1)),), flag="done")
     assert [kind.name for kind in index_kinds([program])] == ["done"]
 
 

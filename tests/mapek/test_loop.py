@@ -55,7 +55,7 @@ def test_adapt_settle_execute_notice_and_adapt_again(run: RunFolder, tmp_path: P
     assert logs[5].decisions[0].reasons == ("what happened was held impossible",)
     truth = components.system.truth
     assert truth is not None
-    assert truth.reachable.within_5_percent(truth.value(components.learner.policy().table))
+    assert truth.reachable.within_5_percent(truth.value(components.learner.policy().table, components.index))
 
 
 @pytest.mark.slow
@@ -84,7 +84,9 @@ def test_an_adapted_policy_is_optimal_before_the_change(run: RunFolder, tmp_path
     logs = episodes(components, 5)
     truth = components.system.truth
     assert truth is not None
-    assert truth.value(components.learner.policy().table) == pytest.approx(truth.reachable.optimum)
+    assert truth.value(components.learner.policy().table, components.index) == pytest.approx(
+        truth.reachable.optimum
+    )
     last = [execution.observation for execution in logs[4].executions]
     # 8 steps at -0.5 and a stop that earns 10
     assert sum(found.reward for found in last if found is not None) == pytest.approx(6)
@@ -132,7 +134,7 @@ def test_it_adapts_though_observations_are_late_or_lost(run: RunFolder, tmp_path
     episodes(components, 5)
     truth = components.system.truth
     assert truth is not None
-    assert truth.reachable.within_5_percent(truth.value(components.learner.policy().table))
+    assert truth.reachable.within_5_percent(truth.value(components.learner.policy().table, components.index))
 
 
 @pytest.mark.slow

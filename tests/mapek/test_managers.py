@@ -16,6 +16,7 @@ from merap.strategies.registry import StrategyContext
 from merap.systems.interface import Observation
 from tests.support.grid_tasks import HORIZON, grid_model, grid_task
 from tests.support.loop_examples import seen
+from tests.support.placed import base_of
 from tests.support.trained_runs import trained
 
 STOP, UP, DOWN, LEFT, RIGHT = range(5)
@@ -44,7 +45,7 @@ def test_who_replans_and_how_long_an_adaptation_is(context: StrategyContext) -> 
 @pytest.mark.parametrize("name", MANAGERS)
 def test_every_manager_has_a_policy(name: str, context: StrategyContext) -> None:
     strategy = manager(name, context).make(np.random.default_rng(0))
-    model = context.models[0]
+    model = context.base.models[0]
     assert executed(model, strategy.policy()).shape[-2:] == (model.num_states, model.num_actions)
     assert strategy.explain()
 
@@ -71,7 +72,7 @@ def on_grid(row: int, col: int, reward: float) -> Observation:
 
 def reactive() -> ReactiveStrategy:
     models = [grid_model(grid_task((0, 2))), grid_model(grid_task((2, 0)))]
-    return ReactiveStrategy(["east", "south"], models, HORIZON, np.random.default_rng(0))
+    return ReactiveStrategy(base_of(models, HORIZON, 1.0), HORIZON, np.random.default_rng(0))
 
 
 def first_action(strategy: ReactiveStrategy) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from merap.mapek.messages import Execution, Monitored
 from merap.mapek.monitor import Monitor, Sensors
 from merap.mapek.scenario_schema import SensingSpec
+from merap.mdp.index import FamilyIndex
 from merap.systems.sightings import Sighting, Transition
 from tests.support.loop_examples import NUM_ACTIONS, seen
 
@@ -19,7 +20,9 @@ DRAWS = 4000
 def monitor(delay: int = 0) -> Monitor:
     cells = np.arange(COMPLETED)
     valuations = np.vstack([np.stack([cells // 9, cells % 9, 0 * cells], axis=1), [[-1, -1, -1]]])
-    return Monitor(valuations, NUM_ACTIONS, Sensors(SensingSpec(delay=delay), np.random.default_rng(0)))
+    completed = {frozenset[str](): COMPLETED}
+    index = FamilyIndex(("row", "col", "mode"), valuations, completed, ("a",) * NUM_ACTIONS)
+    return Monitor(index, NUM_ACTIONS, Sensors(SensingSpec(delay=delay), np.random.default_rng(0)))
 
 
 def news(monitored: Monitored) -> list[tuple[int, ...]]:
@@ -92,7 +95,7 @@ def test_a_state_that_the_case_does_not_have_counts_as_not_seen() -> None:
     watching.receive(Execution(None, seen(0, 0, 0.0)))
     rubbish = watching.receive(Execution(RIGHT, seen(77, 5)))
     assert (rubbish.news, rubbish.state) == ((), None)
-    assert rubbish.problems == ("the observed state (77, 5, 0) is none of the case's 81",)
+    assert rubbish.problems == ("the observed state (77, 5, 0) is none of the 81 known ones",)
     assert news(watching.receive(Execution(RIGHT, seen(0, 2)))) == [(2,)]
 
 

@@ -69,6 +69,7 @@ def test_the_joint_policy_is_better_on_average_than_a_policy_for_one() -> None:
     """Goals one and two steps to the right: the joint policy stops at the first, for a time."""
     models = [grid_model(grid_task(goal)) for goal in ((0, 1), (0, 2))]
     tasks = task_batch(models, HORIZON, DISCOUNT)
+
     def mean(parameters: Parameters) -> float:
         policies = tables(parameters, tasks, NETWORK)
         pairs = zip(models, policies, strict=True)

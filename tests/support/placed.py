@@ -62,3 +62,11 @@ def as_believed(space: HypothesisSpace, whole: TabularMDP) -> TabularMDP:
     """Put a whole model on the states of a belief, which has one completed state."""
     labels = {name: mask & ~whole.labels["done"] for name, mask in whole.labels.items() if name != "done"}
     return space.states.place(replace(whole, labels={**labels, "done": whole.labels["done"]}))
+
+
+def told_by_done(whole: TabularMDP) -> TabularMDP:
+    """Put a whole model with a flag on an index of its own, with one completed state and no other label."""
+    alike = replace(whole, labels={"done": whole.labels["done"]})
+    names = tuple(name for name in whole.variable_names if name != "done")
+    actions = tuple(name for name in whole.action_names if name != "end")
+    return new_index(names, actions).extended(alike).place(alike)

@@ -17,6 +17,7 @@ from merap.mdp.model import TabularMDP
 from merap.systems.slip import slipping_model
 from tests.support.grid_tasks import grid_model, grid_task
 from tests.support.hand_made import cells, graph_combination, grid_combination
+from tests.support.placed import told_by_done
 
 RUNNING = "models/running-example"
 SLIP = 0.1
@@ -50,7 +51,7 @@ def test_the_grid_that_slips_is_the_one_made_by_hand() -> None:
     )
     found = slipping_model(combination, SLIP)
     assert set(found.labels) == {"done", "goal"}
-    compare(replace(found, labels={"done": found.labels["done"]}), by_hand).require_same()
+    compare(told_by_done(found), by_hand).require_same()
 
 
 @pytest.mark.parametrize(("environment", "capability"), [(0, 0), (2, 1)])
@@ -59,13 +60,16 @@ def test_the_belief_means_the_same_by_slip(environment: int, capability: int) ->
     case = load_case(RUNNING)
     found = slipping_model(case.combine(environment, capability, 0), SLIP)
     of_belief = believed(case, environment, capability, SLIP)
-    compare(replace(found, labels={"done": found.labels["done"]}), of_belief).require_same()
+    compare(told_by_done(found), of_belief).require_same()
 
 
 def test_an_action_that_ends_the_task_ends_it_when_it_slips_too() -> None:
     model = slipping_model(grid_combination(goal=(0, 0)), SLIP)
-    # every action taken in the goal leads to the completed state, the last one, with certainty
-    assert model.transitions[: model.state_to_choice[1]].todense()[:, -1].tolist() == [1.0] * 5
+    at_goal = told_by_done(model)
+    (start,) = np.flatnonzero(at_goal.initial)
+    choices = slice(*at_goal.state_to_choice[[start, start + 1]])
+    # every action taken in the goal leads to the completed state, the first one, with certainty
+    assert at_goal.transitions[choices].todense()[:, 0].tolist() == [1.0] * 5
 
 
 def test_a_slip_in_the_middle_of_a_scan_keeps_the_mode() -> None:

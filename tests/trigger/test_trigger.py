@@ -65,7 +65,7 @@ def triggers() -> list[Trigger]:
 @pytest.mark.parametrize("seed", range(3))
 def test_both_see_that_the_way_is_blocked(seed: int) -> None:
     """The change detector has 3 episodes; 18 steps of -0.5 are worth -5.4, which the window sees at once."""
-    way = {2: (1, 0), 4: (0, 1)}[int(before().policy[0, 0].argmax())]
+    way = {2: (1, 0), 4: (0, 1)}[int(before().policy[0, 1].argmax())]
     change, window = triggers()
     after = grid_combination(blocked=cells(way), goal=(4, 4))
     assert 1 <= episodes_until_alarm(change, after, seed) <= 3
