@@ -6,7 +6,7 @@ Axes: T steps of an episode, B episodes side by side, S states, A actions with `
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from merap.belief.outside import Outside
-from merap.belief.space import hypothesis_space
 from merap.mapek.components import make_components
 from merap.mapek.executor import MAX_FAULTS, Executor
 from merap.mapek.loop import Components, Loop
@@ -21,7 +20,7 @@ from merap.runs.run_folder import RunFolder
 from merap.runs.train import train
 from merap.shield.learning_shield import LearningShield, ShieldSettings, Unshielded
 from merap.systems.interface import Observation
-from tests.support.loop_runs import MOVED, Unsound, doubtful, scenario
+from tests.support.loop_runs import hypotheses_of, MOVED, Unsound, doubtful, scenario
 from tests.support.paths import MODELS
 from tests.support.shield_examples import gutter
 from tests.support.trained_runs import SMALL, trained
@@ -194,7 +193,7 @@ def test_the_threshold_holds_though_observations_are_late_or_lost(tmp_path: Path
     text = f"scenario: late\nsystem: met\nepisodes: 300\nsensing: {sensing}\n"
     components = make_components(run, scenario(tmp_path, text), "random")
     eager = Eager(components.learner, None, components.runner, np.random.default_rng(1), {})
-    space = hypothesis_space(run.case, Outside(slips=(0.05,), odds=(1.0,)))
+    space = hypotheses_of(run, components, Outside(slips=(0.05,), odds=(1.0,)))
     shield = LearningShield(space, 10, ShieldSettings(0.25))
     loop = Loop(replace(components, planner=eager, shield=shield))
     violations = steps = 0

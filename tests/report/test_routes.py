@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.combination_model import build_combination, build_pair
+from merap.checker.combination_model import build_combination
 from merap.checker.properties import REWARD, properties
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import attach, synthesise
-from merap.families.build import canonical
+from merap.families.models import explored
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
 from tests.support.paths import MODELS
@@ -43,7 +42,7 @@ def test_all_cases_are_there() -> None:
 def test_storm_and_the_definition_agree(path: Path) -> None:
     for combination in chosen(load_case(path)):
         built = build_combination(combination)
-        definition = synthesise(combination)
+        definition = explored(combination)
         compare(built.mdp, definition, probability_tolerance=1e-12, reward_tolerance=1e-9).require_same()
         answer = built.storm.check(properties(combination)[REWARD], built.mdp.initial)
         planned = optimum(definition, combination.objective.horizon, combination.discount)
@@ -51,15 +50,3 @@ def test_storm_and_the_definition_agree(path: Path) -> None:
         assert answer.lower is not None
         assert answer.upper is not None
         assert answer.lower - 1e-6 <= planned <= answer.upper + 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_attached_and_whole_models_agree(path: Path) -> None:
-    case = load_case(path)
-    for combination in case.sample(10, np.random.default_rng(1)):
-        pair = build_pair(combination, combination.objective.start > 0)
-        attached = canonical(combination, attach(pair, combination))
-        whole = canonical(combination, build_combination(combination).mdp)
-        compare(attached, whole, probability_tolerance=1e-12, reward_tolerance=1e-9).require_same()
-        assert attached.num_states == whole.num_states == case.space.num_locations * len(case.modes) + 1

@@ -7,7 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from merap.belief.space import hypothesis_space
+from merap.belief.outside import Outside
+from merap.belief.space import HypothesisSpace, hypothesis_space
+from merap.families.lookup import declared_case
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.loop import Components
@@ -41,8 +43,15 @@ def doubtful(
 ) -> Components:
     """Return a loop whose trigger alarms at the first thing that its model holds impossible."""
     components = make_components(run, found, manager, wrap=wrap)
-    analyzer = Analyzer(hypothesis_space(run.case), HORIZON, found.spec.strategy.updates, Doubtful())
+    analyzer = Analyzer(hypotheses_of(run, components), HORIZON, found.spec.strategy.updates, Doubtful())
     return replace(components, analyzer=analyzer)
+
+
+def hypotheses_of(
+    run: RunFolder, components: Components, outside: Outside | None = None
+) -> HypothesisSpace:
+    """Return hypotheses whose policies are those of a loop's components."""
+    return hypothesis_space(declared_case(run.case), outside, index=components.index)
 
 
 def timeless(report: LoopReport) -> Mapping[str, Any]:
