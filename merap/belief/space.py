@@ -30,15 +30,14 @@ from merap.belief.outside import (
     split,
     unknown_capabilities,
 )
+from merap.belief.states import belief_states, start_of
 from merap.concerns.case_study import DeclaredCase
 from merap.concerns.combination import Capability, DeclaredCombination, DeclaredObjective
 from merap.concerns.space import Space
 from merap.concerns.steps import Steps, holds_in_states
-from merap.concerns.synthesis import pair_valuations
 from merap.errors import InputError
-from merap.mdp.index import FamilyIndex, carried, values_below
+from merap.mdp.index import FamilyIndex, carried
 from merap.mdp.model import Bools, Floats, Ints
-from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.mdp.short_repr import ShortRepr
 
 MAX_TABLE = 100_000_000
@@ -177,7 +176,7 @@ def hypothesis_space(
     reward, ends = _objective_tables(representatives, objectives, tables)
     commonest = int(np.bincount(attribute_class).argmax())
     noises, noise_prior = _noises(reward, noise)
-    states = _states(representatives[0][0])
+    states = belief_states(representatives[0][0])
     return HypothesisSpace(
         case=case,
         space=case.space,
@@ -217,7 +216,7 @@ def hypothesis_space(
             outcome_shares(declared, len(disturbed) - 1),
         ),
         objective_prior=np.log(split(len(base), len(objectives) - len(base), declared.objective)),
-        initial=_initial(representatives[0][0]),
+        initial=start_of(representatives[0][0]),
     )
 
 
@@ -254,19 +253,6 @@ def _noises(reward: Floats, known: float | None) -> tuple[Floats, Floats]:
     if known is not None:
         return np.array([max(known, quiet)]), np.ones(1)
     return scale * np.array((QUIET, *NOISES)), split(1, len(NOISES), 0.5)
-
-
-def _states(combination: DeclaredCombination) -> FamilyIndex:
-    pairs = pair_valuations(combination)
-    table = np.vstack([pairs, values_below(pairs, 1)])
-    names = (*combination.space.variable_names, MODE_VARIABLE)
-    return FamilyIndex(names, table, {frozenset(): len(pairs)}, combination.actions)
-
-
-def _initial(combination: DeclaredCombination) -> Floats:
-    initial = np.zeros((combination.space.num_locations, len(combination.modes)))
-    initial[:, combination.capability.initial_mode] = combination.objective.start
-    return initial.ravel()
 
 
 def _objective_tables(

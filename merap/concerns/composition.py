@@ -19,7 +19,7 @@ from merap.concerns.action_sets import joint_outcomes, with_sets
 from merap.concerns.conditions import FALSE, all_of
 from merap.concerns.location_tables import LocationTables, is_mode, mode_in
 from merap.concerns.processes import as_process, linked
-from merap.mdp.model import Bools, Floats
+from merap.mdp.model import Floats
 from merap.mdp.reserved_names import (
     COMPLETE_LABEL,
     END_ACTION,
@@ -88,31 +88,6 @@ def compose(combination: DeclaredCombination) -> Program:
             | {one.name for process in combination.objective.processes for one in process.variables}
         ),
         flag=FLAG_VARIABLE,
-    )
-
-
-def compose_pair(combination: DeclaredCombination, starts: Bools) -> Program:
-    """Return the program of environment and capability alone, without rewards; every state may rest.
-
-    Args:
-        combination: whose objective does not matter.
-        starts: bool [P], locations an episode may begin in, equally likely.
-    """
-    tables = LocationTables(combination)
-    space = _space(combination, tables, starts / np.count_nonzero(starts))
-    rest = Process(
-        "rest",
-        "objective",
-        (),
-        (_command(END_ACTION, TRUE),),
-        (InitialValues(ONE, {}),),
-        "no objective: every state may rest",
-    )
-    return Program(
-        f"{combination.environment.name}.{combination.capability.name}",
-        _processes(combination, tables, space, rest),
-        location=combination.space.variable_names,
-        definitions=tables.successors(),
     )
 
 

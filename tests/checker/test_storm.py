@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.checker.combination_model import build_combination, build_pair
+from merap.checker.combination_model import build_combination
 from merap.checker.storm import StormModel, build_text
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.concerns.combination import Combination
@@ -157,8 +157,6 @@ def test_a_model_is_exported_once_for_all_that_it_is_used_for(monkeypatch: pytes
     built.storm.check('R{"objective"}max>=-100 [C<=3]', built.mdp.initial)
     built.storm.mdp()
     assert len(exported) == 1
-    build_pair(combination, combination.objective.start > 0)
-    assert len(exported) == 2
 
 
 def test_reward_structures_are_chosen_by_name(walk: StormModel) -> None:

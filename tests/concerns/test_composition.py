@@ -10,8 +10,8 @@ import pytest
 
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination, Condition, RewardRule
-from merap.concerns.composition import compose, compose_pair
-from merap.concerns.synthesis import synthesise, synthesise_pair
+from merap.concerns.composition import compose
+from merap.concerns.synthesis import synthesise
 from merap.errors import ModelError
 from merap.mdp.comparison import compare
 from merap.program.arrays import tabular
@@ -55,14 +55,6 @@ def test_exploration_finds_what_is_defined_of_shipped_cases(path: Path) -> None:
 @pytest.mark.parametrize("combination", [random_graph(500), random_grid(40)], ids=["graph", "grid"])
 def test_exploration_finds_what_is_defined_of_large_spaces(combination: Combination) -> None:
     require_agreement(combination)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_pair_has_neither_rewards_nor_ends(seed: int) -> None:
-    combination = random_combination(seed)
-    starts = combination.objective.start > 0
-    program = compose_pair(combination, starts)
-    compare(tabular(program, explore(program)), synthesise_pair(combination, starts)).require_same()
 
 
 def test_steps_count_until_completion() -> None:

@@ -71,7 +71,5 @@ def test_an_only_variable_stays() -> None:
 
 
 def test_ranges_are_those_of_all_members() -> None:
-    short, long = (
-        Program("p", (process_of(x=bounds),)) for bounds in ((1, 2), (-3, 1))
-    )
+    short, long = (Program("p", (process_of(x=bounds),)) for bounds in ((1, 2), (-3, 1)))
     assert index_kinds([short, long]) == (VariableKind("x", "coordinate", -3, 2),)

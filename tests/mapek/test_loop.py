@@ -20,7 +20,7 @@ from merap.runs.run_folder import RunFolder
 from merap.runs.train import train
 from merap.shield.learning_shield import LearningShield, ShieldSettings, Unshielded
 from merap.systems.interface import Observation
-from tests.support.loop_runs import hypotheses_of, MOVED, Unsound, doubtful, scenario
+from tests.support.loop_runs import MOVED, Unsound, doubtful, hypotheses_of, scenario
 from tests.support.paths import MODELS
 from tests.support.shield_examples import gutter
 from tests.support.trained_runs import SMALL, trained

@@ -121,7 +121,7 @@ def test_a_small_chain_reads_well() -> None:
 // sources: 0000000000000000000000000000000000000000000000000000000000000000
 dtmc
 
-// where the system is
+// the state of the system
 formula pay_0 = row=0 & col=1 ? 17/8 : -1/2;
 
 // each state with all that chance and the policy do there
@@ -170,7 +170,7 @@ def test_the_shifted_rewards_are_the_others_plus_a_constant() -> None:
 
 def test_several_starts_are_told_with_their_weights() -> None:
     text = render_policy(graph_combination(), chain_of(graph_combination()), "a random policy")
-    assert "//   starts with probability 0.25 at S\n//   starts with probability 0.75 at A\n" in text
+    assert "//   starts with probability 0.25 at loc=S\n//   starts with probability 0.75 at loc=A\n" in text
     assert "init 0" not in text
     assert re.search(r"^init\n  .*loc<=1 & mode=0 & !done\nendinit$", text, re.MULTILINE)
 

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.checker.combination_model import build_combination, build_pair
+from merap.checker.combination_model import build_combination
 from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
-from merap.concerns.synthesis import attach, synthesise, synthesise_pair
+from merap.concerns.synthesis import synthesise
 from merap.mdp.comparison import compare
-from merap.prism.rendering import render, render_pair
+from merap.prism.rendering import render
 from merap.prism.templates import WIDTH
 from tests.support.hand_made import (
     HAND_MADE,
@@ -42,27 +42,14 @@ def require_agreement(combination: Combination) -> None:
     assert set(defined.labels) <= set(built.labels)
 
 
-def require_agreement_of_pair(combination: Combination) -> None:
-    starts = combination.objective.start > 0
-    pair = build_pair(combination, starts)
-    compare(pair, synthesise_pair(combination, starts)).require_same()
-    compare(attach(pair, combination), synthesise(combination)).require_same()
-
-
 @pytest.mark.parametrize("name", HAND_MADE)
 def test_storm_builds_what_is_defined(name: str) -> None:
     require_agreement(HAND_MADE[name])
-    require_agreement_of_pair(HAND_MADE[name])
 
 
 @pytest.mark.parametrize("seed", range(64))
 def test_storm_builds_what_is_defined_for_random_combinations(seed: int) -> None:
     require_agreement(random_combination(seed))
-
-
-@pytest.mark.parametrize("seed", range(64, 88))
-def test_storm_builds_pairs_as_defined(seed: int) -> None:
-    require_agreement_of_pair(random_combination(seed))
 
 
 def test_random_combinations_have_every_feature() -> None:
@@ -106,7 +93,6 @@ def test_several_starts_in_a_single_row_or_column() -> None:
             ),
         )
         require_agreement(combination)
-        require_agreement_of_pair(combination)
 
 
 def test_an_innate_action_that_is_defined_nowhere_never_fires() -> None:
@@ -236,7 +222,6 @@ def test_every_action_stands_in_the_modules_that_know_it() -> None:
     assert commands(text, "space") == external
     assert commands(text, "capability") == [*external, "measure", "start_scan"]
     assert commands(text, "objective") == [*external, "measure", "start_scan", "end"]
-    assert commands(render_pair(graph_combination(), np.ones(4, dtype=np.bool_)), "rest") == ["end"]
 
 
 def test_space_and_capability_are_the_same_for_all_objectives() -> None:
@@ -260,9 +245,6 @@ def test_space_and_capability_are_the_same_for_all_objectives() -> None:
 def test_the_header_names_combination_and_sources() -> None:
     lines = render(replace(grid_combination(), name="e.c.met", digest="ab" * 32)).splitlines()
     assert lines[:3] == ["// e.c.met", f"// sources: {'ab' * 32}", "mdp"]
-    pair = render_pair(grid_combination(), cells((0, 0))).splitlines()
-    assert pair[0] == "// e.c"
-    assert "// no objective: every state may rest" in pair
 
 
 def test_lines_are_no_longer_than_needed() -> None:

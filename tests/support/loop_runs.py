@@ -9,7 +9,7 @@ from typing import Any
 
 from merap.belief.outside import Outside
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.families.lookup import declared_case
+from merap.concerns.lookup import declared_case
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.components import Wrapper, make_components, unwrapped
 from merap.mapek.loop import Components
@@ -47,9 +47,7 @@ def doubtful(
     return replace(components, analyzer=analyzer)
 
 
-def hypotheses_of(
-    run: RunFolder, components: Components, outside: Outside | None = None
-) -> HypothesisSpace:
+def hypotheses_of(run: RunFolder, components: Components, outside: Outside | None = None) -> HypothesisSpace:
     """Return hypotheses whose policies are those of a loop's components."""
     return hypothesis_space(declared_case(run.case), outside, index=components.index)
 
