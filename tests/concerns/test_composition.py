@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.composition import compose
 from merap.concerns.synthesis import synthesise
@@ -19,10 +17,6 @@ from merap.program.exploration import explore
 from tests.support.hand_made import HAND_MADE, graph_combination, parsed, with_capability, with_objective
 from tests.support.large_spaces import random_graph, random_grid
 from tests.support.random_combinations import random_combination
-from tests.support.shipped_cases import DECLARED_CASE_FILES
-
-# Arrays over locations and modes hold the states of these; test_enumeration has a route to the others.
-CASES = [path for path in DECLARED_CASE_FILES if "processes:" not in path.read_text()]
 
 
 def require_agreement(combination: Combination) -> None:
@@ -41,15 +35,6 @@ def test_exploration_finds_what_is_defined(name: str) -> None:
 @pytest.mark.parametrize("seed", range(100, 180))
 def test_exploration_finds_what_is_defined_of_random_combinations(seed: int) -> None:
     require_agreement(random_combination(seed))
-
-
-@pytest.mark.parametrize("path", CASES, ids=lambda path: f"{path.parent.name}-{path.stem}")
-def test_exploration_finds_what_is_defined_of_shipped_cases(path: Path) -> None:
-    case = load_case(path)
-    generator = np.random.default_rng(0)
-    members = list(case.combinations()) if case.size <= 40 else case.sample(40, generator)
-    for combination in members:
-        require_agreement(combination)
 
 
 @pytest.mark.parametrize("combination", [random_graph(500), random_grid(40)], ids=["graph", "grid"])
