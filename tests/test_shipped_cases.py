@@ -15,12 +15,6 @@ from tests.support.paths import MODELS, ROOT
 from tests.support.shipped_cases import CASE_FILES
 
 CASES = [path.parent if path.name == "case.yaml" else path for path in CASE_FILES]
-# The learner takes no others yet.
-LEARNABLE = [
-    case
-    for case in CASES
-    if {"running-example", "hazard-grid", "frozen-lake", "paper-grid"} & {case.name, case.parent.name}
-]
 # Where only the machinery matters and not what is learned.
 SMALL = ("--updates", "2", "--set", "hidden=[4]", "--set", "episodes=5", "--set", "max_tasks=6")
 SCENARIO = "scenario: short\nsystem: met\nepisodes: 3\n"
@@ -100,7 +94,7 @@ def test_every_command_for_models_works(case: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", LEARNABLE, ids=lambda case: case.stem)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.stem)
 def test_every_command_for_learning_works(case: Path, tmp_path: Path) -> None:
     (tmp_path / "scenario.yaml").write_text(SCENARIO)
     succeed(learning_commands(case, tmp_path))

@@ -135,6 +135,7 @@ def _go_on_with(out: Path) -> None:
 
 def _show_result(run: RunFolder) -> None:
     """Say what the adapted policies are worth, and warn where that is little."""
+    from merap.concerns.steps import beyond_places_and_modes
     from merap.strategies.training_result import evaluate_training
 
     found = evaluate_training(run)
@@ -145,11 +146,13 @@ def _show_result(run: RunFolder) -> None:
         f"the best possible is {number(found.optimum.mean(), 4)}"
     )
     if found.far_from_optimum:
+        plan = ""
+        if beyond_places_and_modes(run.case.combination_at(0)) is None:
+            plan = f", or plan on the models: merap adapt {shlex.quote(str(run.path))} --strategy belief"
         warn(
             [
                 f"little was learned: over acting at random the adapted policies gain {found.gain:.0%} of "
-                "what the best ones do; try more --updates, or plan on the models: "
-                f"merap adapt {shlex.quote(str(run.path))} --strategy belief"
+                f"what the best ones do; try more --updates{plan}"
             ]
         )
     if found.never_ends:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from merap.belief.states import belief_states
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import synthesise
-from merap.families.build import canonical
+from merap.concerns.lookup import declared
+from merap.families.models import explored
 from merap.mdp.model import TabularMDP
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from scripts.bench.shield_exploration import Episodes, Habits, explore
 
 ROBOTS = 500
@@ -87,7 +89,12 @@ def _known(case: CaseStudy, combination: Combination) -> list[Combination]:
 
 
 def _model(combination: Combination) -> TabularMDP:
-    return canonical(combination, synthesise(combination))
+    """Return the model on the states of a belief: labels of complete states are left out."""
+    whole = explored(combination)
+    going = ~whole.labels[COMPLETE_LABEL]
+    labels = {name: mask & going for name, mask in whole.labels.items() if name != COMPLETE_LABEL}
+    alike = replace(whole, labels={**labels, COMPLETE_LABEL: whole.labels[COMPLETE_LABEL]})
+    return belief_states(declared(combination)).place(alike)
 
 
 def _figures(found: Episodes) -> dict[str, Any]:

@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import built, explored
 from merap.mdp.comparison import compare
-from tests.support.paths import MODELS
+from tests.support.shipped_cases import CASE_FILES
 
-CASES = sorted(MODELS.glob("*/case.yaml")) + sorted(MODELS.glob("paper-grid/*.yaml"))
 # Members of a case that are all compared; of a larger one, a hundred are drawn.
 ENUMERATED = 100
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", CASES, ids=lambda path: f"{path.parent.name}-{path.stem}")
+@pytest.mark.parametrize("path", CASE_FILES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_exploration_equals_storm_on_the_members_of_shipped_cases(path: Path) -> None:
     case = load_case(path)
     members = (
