@@ -95,8 +95,9 @@ def adapt(
         parse_strategy(strategy)
     opened = read_run(run)
     warn(opened.warnings)
+    default, notices = default_strategy(opened.case)
     if strategy is None:
-        strategy, notices = default_strategy(opened.case)
+        strategy = default
         warn(notices)
     spread = parse_strategy(strategy) == (PRETRAINED, ALL)
     each, steps = _lengths(strategy, episodes_per_step, steps, max_episodes)
@@ -123,7 +124,7 @@ def adapt(
     if str(json) != "-":
         for found in shown:
             _show(found)
-    warn(line for found in shown for line in _advice(found))
+    warn(line for found in shown for line in _advice(found, default))
 
 
 def _lengths(
@@ -210,9 +211,9 @@ def _show_speed(scores: Mapping[str, Any]) -> None:
         say(f"half of the runs within {counted(half, 'episode')}{rest}")
 
 
-def _advice(found: Adaptation) -> Iterator[str]:
-    """Say which strategy to try where one got nowhere."""
-    from merap.strategies.registry import BELIEF, GRADIENT, ORACLE, parse_strategy
+def _advice(found: Adaptation, default: str) -> Iterator[str]:
+    """Say what to try where a strategy got nowhere; `default` is the best for the case."""
+    from merap.strategies.registry import GRADIENT, ORACLE, parse_strategy
 
     if found.reachable.nothing_at_stake:
         yield f"every policy earns the same on {found.system}: there is nothing to learn there"
@@ -221,7 +222,10 @@ def _advice(found: Adaptation) -> Iterator[str]:
     kind, _ = parse_strategy(found.strategy)
     never = scores["never_steps_to_within_5_percent"] == scores["runs"] and not scores["too_short"]
     if never and kind != ORACLE:
-        other = f"more --max-episodes, or --strategy {GRADIENT}" if kind == BELIEF else f"--strategy {BELIEF}"
+        more = (
+            "more --max-episodes" if default == GRADIENT else f"more --max-episodes, or --strategy {GRADIENT}"
+        )
+        other = more if kind == default else f"--strategy {default}"
         yield (
             f"{found.strategy} got nowhere near the optimum: none of {counted(scores['runs'], 'run')} came "
             f"within 5 percent; try {other}"

@@ -202,3 +202,19 @@ def test_a_run_that_ended_too_soon_says_so(values: list[float], too_short: bool)
     run = run_of(values)
     assert run.too_short is too_short
     assert summary([run, run])["too_short"] == 2 * too_short
+
+
+@pytest.mark.parametrize(
+    ("optimum", "worst", "nothing"),
+    [
+        (3.0, 3.0, True),
+        (0.0, 0.0, True),
+        (-40.0, -40.0 - 1e-12, True),
+        (3.0, 2.9, False),
+        (0.0, -1e-6, False),
+    ],
+)
+def test_nothing_is_at_stake_where_all_policies_earn_the_same(
+    optimum: float, worst: float, nothing: bool
+) -> None:
+    assert Range(optimum, worst).nothing_at_stake == nothing
