@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from merap.belief.space import HypothesisSpace
 from merap.concerns.case_study import CaseStudy
+from merap.concerns.steps import beyond_places_and_modes
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.base_extension import BaseExtender
 from merap.mapek.connecting import live_horizon
@@ -16,8 +16,9 @@ from merap.mapek.instrumented import InstrumentedSystem
 from merap.mapek.learner import Learner
 from merap.mapek.live_system import Disconnected, LiveSystem
 from merap.mapek.loop import Components
-from merap.mapek.managers import make_manager, require_strategy
+from merap.mapek.managers import Manager, make_manager, require_strategy
 from merap.mapek.monitor import Monitor, Sensors
+from merap.mapek.plain_analyzer import PlainAnalyzer
 from merap.mapek.planner import Planner
 from merap.mapek.recorded_system import RecordedSystem
 from merap.mapek.run_store import NO_HISTORY, RunHistory
@@ -74,11 +75,7 @@ def make_components(
     horizon = system.horizon
     context = StrategyContext(run, horizon, case.discount, spec.strategy.episodes_per_step, met=system.models)
     chosen = make_manager(manager, spec.strategy, context)
-    restart = spec.strategy.replan_from == "meta"
-    learner = Learner(chosen.make, of_learner, restart=restart)
-    settings = _trigger_settings(spec)
-    readings = settings if isinstance(settings, ChangeSettings) else None
-    trigger = make_trigger(settings, case.discount) if chosen.replans else None
+    learner = Learner(chosen.make, of_learner, restart=spec.strategy.replan_from == "meta")
     runner = DeadlineRunner(spec.deadline.seconds)
     late = {(one.row.episode, step): how for one in history.episodes for step, how in one.late.items()}
     wrapped = wrap(system)
@@ -88,8 +85,8 @@ def make_components(
         system=system,
         wrapped=wrapped,
         monitor=Monitor(context.index, len(case.actions), Sensors(spec.sensing, of_sensors)),
-        analyzer=Analyzer(context.hypotheses, horizon, chosen.updates, trigger, readings, forget=restart),
-        shield=_shield(scenario, context.hypotheses, horizon),
+        analyzer=_analyzer(spec, context, chosen),
+        shield=_shield(scenario, context),
         learner=learner,
         planner=Planner(learner, fallback, runner, of_planner, late),
         executor=Executor(recorded),
@@ -109,6 +106,21 @@ def _managed_system(
         return LiveSystem(there, horizon, case.discount, Retries(spec.live.retries))
     threshold = None if spec.shield is None else spec.shield.threshold
     return ScenarioSystem(scenario.stages(case), spec.noise, spec.reset, generator, threshold)
+
+
+def _analyzer(spec: ScenarioSpec, context: StrategyContext, manager: Manager) -> Analyzer | PlainAnalyzer:
+    case = context.run.case
+    if beyond_places_and_modes(case.combination_at(0)) is not None:
+        return PlainAnalyzer(context.index.num_states, manager.updates)
+    settings = _trigger_settings(spec)
+    return Analyzer(
+        context.hypotheses,
+        context.horizon,
+        manager.updates,
+        make_trigger(settings, case.discount) if manager.replans else None,
+        settings if isinstance(settings, ChangeSettings) else None,
+        forget=spec.strategy.replan_from == "meta",
+    )
 
 
 def _extender(spec: ScenarioSpec, manager: str, context: StrategyContext) -> BaseExtender | None:
@@ -142,9 +154,10 @@ def make_trigger(settings: ChangeSettings | WindowSettings | None, discount: flo
     return None
 
 
-def _shield(scenario: Scenario, space: HypothesisSpace, horizon: int) -> Shield:
+def _shield(scenario: Scenario, context: StrategyContext) -> Shield:
     spec = scenario.spec.shield
     if spec is None:
         return Unshielded()
     with scenario.document.at("shield"):
-        return LearningShield(space, horizon, ShieldSettings(spec.threshold, spec.hazard_prior))
+        settings = ShieldSettings(spec.threshold, spec.hazard_prior)
+        return LearningShield(context.hypotheses, context.horizon, settings)

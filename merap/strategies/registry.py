@@ -17,7 +17,7 @@ from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.lookup import declared_case
-from merap.concerns.steps import beyond_places_and_modes, require_places_and_modes
+from merap.concerns.steps import beyond_places_and_modes
 from merap.errors import InputError
 from merap.families.build import ModelBase
 from merap.families.models import built
@@ -96,8 +96,14 @@ class StrategyContext:
 
     @cached_property
     def hypotheses(self) -> HypothesisSpace:
-        """The hypotheses about the domain."""
-        require_places_and_modes(self.run.case.combination_at(0))
+        """The hypotheses about the domain.
+
+        Raises:
+            InputError: no belief is kept over the family.
+        """
+        why = beyond_places_and_modes(self.run.case.combination_at(0))
+        if why is not None:
+            raise InputError(f"{self.run.case.name}: no belief is kept over this family so far, since {why}")
         return hypothesis_space(declared_case(self.run.case), index=self.index)
 
     def pretrained(self, names: Sequence[str]) -> list[Floats]:

@@ -18,45 +18,15 @@ from merap.program.exploration import explore
 from merap.systems.description import ShownVariable, interface_of
 from merap.systems.simulated import SimulatedSystem
 from merap.systems.slip import slipping
+from tests.support.small_families import RAIL, RAIL_CASE
 
-# A cart on a rail, and a counter of its pushes that the user has.
-RAIL = """\
-mdp
-const int far;
-const double grip;
-module cart
-  place : [0..far] init 0;
-  [push] place < far -> grip : (place' = place + 1) + 1 - grip : true;
-  [pull] place > 0 -> (place' = place - 1);
-endmodule
-module tally
-  pushes : [0..3] init 0;
-  done : bool init false;
-  [push] true -> (pushes' = min(pushes + 1, 3));
-endmodule
-label "there" = place = far;
-rewards "effort"
-  [push] true : 1;
-endrewards
-"""
-CASE = """\
-case: rail
-program: {file: rail.prism, owner: {objective: [tally]}}
-environment:
-  parameters: {far: {int: [1, 5]}}
-  configurations: {short: {far: 2}, long: {far: 4}}
-capability:
-  parameters: {grip: {probability: [0, 1]}}
-  configurations: {firm: {grip: 0.9}}
-objective: {goal: '"there"', ends_in: '"there"', reward: effort, sign: -1, horizon: 30}
-"""
-PUSH, PULL = "push", "pull"
+PUSH = "push"
 
 
 @pytest.fixture
 def rail(tmp_path: Path) -> Combination:
     (tmp_path / "rail.prism").write_text(RAIL, encoding="utf-8")
-    (tmp_path / "case.yaml").write_text(CASE, encoding="utf-8")
+    (tmp_path / "case.yaml").write_text(RAIL_CASE, encoding="utf-8")
     return load_case(tmp_path).combination("long.firm.default")
 
 
