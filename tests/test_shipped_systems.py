@@ -22,6 +22,24 @@ CASES = (
     "families/pump.yaml",
 )
 LEAST_LOSS = 0.1
+# Best return over the horizon, undiscounted and discounted. Hospital: a plain enumeration outside of the
+# project; web service: PRISM text written by hand, on which Storm and PRISM-games agree; radio: hops, and
+# 4 / 0.95 packets; pump: in the highest safe gear, after the steps to get there.
+VALUES = [
+    ("hospital", "quiet.new_cells.to_a", 26.898566, 26.011089),
+    ("hospital", "quiet.new_cells.to_b", 25.172027, 23.854336),
+    ("hospital", "windy.old_cells.to_a", 26.525910, 25.541681),
+    ("hospital", "windy.old_cells.to_b", 24.211769, 22.656303),
+    ("hospital", "night.old_cells.to_b", 23.740048, 22.075168),
+    ("hospital", "met", 22.073898, 20.052119),
+    ("web-service", "rush.fast.quality", -114.531431, -85.756299),
+    ("web-service", "calm.slow.thrift", -34.425167, -26.038373),
+    ("families/radio.yaml", "clear_4.bad_antenna.default", -2 - 4 / 0.95, None),
+    ("families/radio.yaml", "clear_1.good_antenna.default", -1 - 4 / 0.95, None),
+    ("families/pump.yaml", "weak.old_seal.default", -20, None),
+    ("families/pump.yaml", "fair.old_seal.default", -1 - 10, None),
+    ("families/pump.yaml", "strong.new_seal.default", -3 - 5, None),
+]
 
 
 def enabled(model: TabularMDP) -> Floats:
@@ -70,3 +88,13 @@ def test_the_best_policies_of_other_members_lose(name: str) -> None:
         assert len(losses) == len(members) - (system.name == "covered")
         scale = best - expected_return(model, uniform_policy(model), horizon)
         assert np.mean(losses) >= LEAST_LOSS * scale > 0, system.name
+
+
+@pytest.mark.parametrize(("name", "combination", "best", "discounted"), VALUES)
+def test_best_returns(name: str, combination: str, best: float, discounted: float | None) -> None:
+    case = merap.load_case(MODELS / name)
+    one = case.systems[combination] if combination in case.systems else case.combination(combination)
+    model, horizon = explored(one), one.objective.horizon
+    assert optimum(model, horizon) == pytest.approx(best, abs=1e-6)
+    expected = best if discounted is None else discounted
+    assert optimum(model, horizon, case.discount) == pytest.approx(expected, abs=1e-6)
