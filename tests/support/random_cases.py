@@ -42,6 +42,14 @@ CHANGES = {
     "grid": ["moved", "row' >= row", "at'([[0, 1], [1, 1]])"],
     "none": [],
 }
+SCAN = {
+    "name": "scan",
+    "modes": ["idle", "busy"],
+    "entry": "busy",
+    "initial": "idle",
+    "terminal": ["idle"],
+    "actions": {"finish": {"busy": {"idle": 0.3, "busy": 0.7}}},
+}
 CHANCES = [0, 0.1, 0.3, 0.9, 1, "p", "1 - p", "0.9 + 0.1 * p", "p / 3"]
 
 
@@ -52,29 +60,46 @@ def condition(draw: Draw, reads: Sequence[str]) -> str:
     return str(form.format(f"({clause})", f"({draw(st.sampled_from([*reads, 'p > 0']))})"))
 
 
-def clauses(name: str, high: int | None, prime: str) -> list[str]:
-    """Conditions on a variable; `high` is None for a bool."""
+KINDS: dict[str, Case] = {
+    "bool": {"type": "bool", "initial": False},
+    "bit": {"range": [0, 1], "initial": 1},
+    "number": {"range": [0, 3], "initial": 0},
+    "rising": {"values": ["low", "mid", "high"], "initial": "low"},
+    "falling": {"values": ["high", "low"], "initial": "low"},
+}
+
+
+def clauses(name: str, kind: str, prime: str) -> list[str]:
+    """Conditions on a variable."""
     read = f"{name}{prime}"
-    if high is None:
+    if kind == "bool":
         return [read, f"!{read}"]
+    if kind in ("rising", "falling"):
+        return [f"{read} = low", f"{read} != high"]
+    high = KINDS[kind]["range"][1]
     return [f"{read} > 0", f"{read} = {high}", f"0.1 * {read} <= 0.3", f"mod({read} - 2, 2) = 1"]
 
 
-def process(draw: Draw, name: str, actions: Sequence[str], reads: list[str], *, certain: bool) -> Case:
+def new_values(name: str, kind: str) -> list[str]:
+    """What a variable may become."""
+    if kind == "bool":
+        return ["true", "false", f"!{name}", name]
+    if kind in ("rising", "falling"):
+        return ["low", "high", f"{name} = low ? high : low", f"{name} = high ? {name} : low"]
+    high = KINDS[kind]["range"][1]
+    steps = [f"min({name} + 1, {high})", f"max({name} - 1, 0)", f"{name} + 1"]
+    return ["0", f"{high} - {name}", *steps]
+
+
+def process(
+    draw: Draw, name: str, kind: str, actions: Sequence[str], reads: list[str], *, certain: bool
+) -> Case:
     """A process of one variable; a certain one draws nothing."""
-    high = draw(st.sampled_from([None, 1, 3]))
-    if high is None:
-        kind: Case = {"type": "bool", "initial": draw(st.booleans())}
-        values = ["true", "false", f"!{name}", name]
-    else:
-        kind = {"range": [0, high], "initial": draw(st.integers(0, high))}
-        step = draw(st.sampled_from([f"min({name} + 1, {high})", f"max({name} - 1, 0)", f"{name} + 1"]))
-        values = ["0", f"{high} - {name}", step, f"min({name} + 1, {high})"]
-    known = [*reads, *clauses(name, high, "")]
-    kind["changes"] = [
+    known = [*reads, *clauses(name, kind, "")]
+    changes = [
         draw(
             st.fixed_dictionaries(
-                {"set": given(draw, values, certain=certain)},
+                {"set": given(draw, new_values(name, kind), certain=certain)},
                 optional={
                     "where": st.just(condition(draw, known)),
                     "action": st.sampled_from([*actions, [actions[0], actions[-1]], "any"]),
@@ -83,8 +108,21 @@ def process(draw: Draw, name: str, actions: Sequence[str], reads: list[str], *, 
         )
         for _ in range(draw(st.integers(0, 2)))
     ]
-    reads += clauses(name, high, "")
-    return {"high": high, "declared": kind, "values": values}
+    return KINDS[kind] | {"changes": changes}
+
+
+def pair(draw: Draw, reads: list[str]) -> Case:
+    """A process of two variables, `s` and `t`, that are drawn together."""
+    outcomes = [
+        {"value": {"s": "!s"}, "probability": draw(st.sampled_from(CHANCES))},
+        {"value": {"t": "1 - t", "s": "t = 1"}, "probability": "p / 3"},
+        {"otherwise": draw(st.sampled_from([{}, {"t": 0}]))},
+    ]
+    return {
+        "variables": {"s": {"type": "bool"}, "t": {"range": [0, 1]}},
+        "initial": [{"value": {"s": True, "t": 0}, "probability": "p"}, {"otherwise": {"s": False, "t": 1}}],
+        "changes": [{"where": condition(draw, reads), "set": outcomes}, {"action": "rest", "set": {"t": 0}}],
+    }
 
 
 def given(draw: Draw, values: Sequence[str], *, certain: bool) -> st.SearchStrategy[Any]:
@@ -102,15 +140,25 @@ def given(draw: Draw, values: Sequence[str], *, certain: bool) -> st.SearchStrat
 def random_cases(draw: Draw) -> Case:
     """A case with one configuration of each concern; it may be wrong in a reachable state."""
     world = draw(st.sampled_from(["line", "doors", "grid", "none"]))
+    innate = {"innate": SCAN} if draw(st.booleans()) else {}
     actions = ["rest", "work", *MOVES[world]]
     before, after = [*PLACES[world]], [*CHANGES[world]]  # what can be read of a state, and of a step
-    drawn = {}
+    if innate:
+        before.append("mode = idle")
+    both = pair(draw, [*before, *after, "s", "t > 0"])
+    before += ["s", "t = 0"]
+    after += ["s'", "t' > t"]
+    drawn, kinds = {}, {}
     for name, certain in (("u", False), ("v", False), ("w", False), ("z", True)):
-        outer = [*before]
-        drawn[name] = process(draw, name, actions, [*before, *after], certain=certain)
-        before += clauses(name, drawn[name]["high"], "")
-        after += clauses(name, drawn[name]["high"], "'")
-    sets: Case = {"u": draw(given(draw, drawn["u"]["values"], certain=False))}
+        outer, kind = [*before], draw(st.sampled_from(list(KINDS)))
+        known = [*actions, "start_scan"] if innate else actions
+        if innate and name == "w":  # the environment does not read what the capability decides
+            after.append("mode' = busy")
+        drawn[name] = process(draw, name, kind, known, [*before, *after], certain=certain)
+        kinds[name] = kind
+        before += clauses(name, kind, "")
+        after += clauses(name, kind, "'")
+    sets: Case = {"u": draw(given(draw, new_values("u", kinds["u"]), certain=False))}
     if draw(st.booleans()):
         sets["u"] = {"where": condition(draw, outer), "set": sets["u"]}
     locked = {"locked": draw(st.sampled_from([[], ["gate"], ["door"]]))} if world == "doors" else {}
@@ -122,20 +170,21 @@ def random_cases(draw: Draw) -> Case:
         **({} if world == "none" else {"space": SPACES[world]}),
         "environment": {
             "parameters": {"p": "probability", **dict.fromkeys(locked, "doors")},
-            "processes": {name: drawn[name]["declared"] for name in ("u", "v")},
+            "processes": {"both": both, "u": drawn["u"], "v": drawn["v"]},
             "configurations": {"e": {"p": draw(st.sampled_from([0, 0.1, 0.5, 1])), **locked}},
         },
         "capability": {
             "actions": {
                 "rest": {},
-                "work": {"requires": condition(draw, outer), "sets": sets},
+                "work": {"requires": f"s | ({condition(draw, outer)})", "sets": sets},
                 **{name: move(draw, name, sets) for name in actions[2:]},
             },
-            "processes": {"w": drawn["w"]["declared"]},
+            **innate,
+            "processes": {"w": drawn["w"]},
         },
         "objective": {
             **({} if world == "none" else {"start": [0, 0] if world == "grid" else "a"}),
-            "processes": {"z": drawn["z"]["declared"]},
+            "processes": {"z": drawn["z"]},
             **wishes(draw, before, after),
         },
     }
