@@ -19,7 +19,7 @@ from merap.prism.reward_text import rewards_text, wrapped
 from merap.prism.templates import fill_in
 from merap.prism.text_names import text_names, with_text_names
 from merap.program.expressions import Constant, Expression, Operation, Variable
-from merap.program.form import Command, Process, Program, StateVariable, Update, whole
+from merap.program.form import Command, InitialValues, Process, Program, StateVariable, Update, whole
 
 KEY_WIDTH = 10
 
@@ -73,8 +73,15 @@ class ProgramWriter:
         self._program = program
         self.text = EngineText(program)
         self._by_name = {one.name: one for one in program.variables}
-        starts = [process.initial for process in program.processes]
-        self._fixed = program.initial_predicate is None and all(len(own) == 1 for own in starts)
+        self._starts = {process.name: self._possible(process) for process in program.processes}
+        self._fixed = program.initial_predicate is None and all(
+            len(starts) == 1 for starts in self._starts.values()
+        )
+
+    def _possible(self, process: Process) -> list[InitialValues]:
+        """Return the initial values of a process that have a probability above 0."""
+        nothing = Constant(Fraction(0))
+        return [one for one in process.initial if self.text.probability_form(one.probability) != nothing]
 
     def labels(self) -> list[LabelLine]:
         """Return the labels."""
@@ -98,7 +105,7 @@ class ProgramWriter:
     def _variable(self, process: Process, variable: StateVariable) -> VariableLine:
         initial = ""
         if self._fixed:
-            initial = self._value(variable.name, process.initial[0].values[variable.name])
+            initial = self._value(variable.name, self._starts[process.name][0].values[variable.name])
         names = [f"{variable.low + place} {name}" for place, name in enumerate(variable.values)]
         key = [", ".join(names[first : first + KEY_WIDTH]) for first in range(0, len(names), KEY_WIDTH)]
         # a range that ends at 0 is refused by PRISM-games
@@ -146,17 +153,14 @@ class ProgramWriter:
         return text_of(joined("&", terms))
 
     def _start(self, process: Process) -> Expression:
-        if process.initial[0].values.keys() != {*self._program.location}:
-            options = (
-                joined("&", [self._is(*value) for value in start.values.items()]) for start in process.initial
-            )
-            return joined("|", list(options))
-        places = [
-            {name: whole(value, name) for name, value in start.values.items()} for start in process.initial
-        ]
+        starts = self._starts[process.name]
+        first = starts[0].values
+        if first.keys() != {*self._program.location}:
+            options = [joined("&", [self._is(*value) for value in start.values.items()]) for start in starts]
+            return joined("|", options)
+        places = [{name: whole(value, name) for name, value in start.values.items()} for start in starts]
         # a variable of one value has a range of two, as PRISM-games wants it
         lone = (one.name for one in process.variables if one.low == one.high)
-        first = process.initial[0].values
         own = (self._is(name, first[name]) for name in lone)
         return joined("&", [self.text.location_in(places), *own])
 

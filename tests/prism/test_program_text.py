@@ -14,7 +14,7 @@ from merap.prism.program_text import render_program
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.expressions import parse
-from merap.program.form import Program, RewardItem, RewardStructure
+from merap.program.form import InitialValues, Program, RewardItem, RewardStructure
 from tests.support.explored import choices_of
 from tests.support.programs import ONE_COIN, programs
 from tests.support.storm_choices import build, choices_of_storm
@@ -84,3 +84,19 @@ endrewards
 """
         in text
     )
+
+
+def test_an_initial_value_of_probability_0_is_no_initial_state(folder: Path) -> None:
+    starts = [("p", "1"), ("1 - p", "2"), ("0", "3")]
+    for p, states, text in (("0", 1, "x : [0..3] init 2;"), ("0.5", 2, "x=1 | x=2")):
+        process = replace(
+            ONE_COIN.processes[0],
+            initial=tuple(
+                InitialValues(parse(probability.replace("p", p)), {"x": parse(x)})
+                for probability, x in starts
+            ),
+        )
+        program = Program("starts", (process,))
+        written = render_program(program)
+        assert text in written
+        assert len(built(folder, written).initial_states) == states
