@@ -10,6 +10,7 @@ from merap.concerns.case_study import load_case
 from merap.errors import InputError
 from tests.support.case_examples import replaced, write_case
 from tests.support.declared_models import successors
+from tests.support.feature_cases import FEATURES
 
 WALK = """\
 case: walk
@@ -97,6 +98,19 @@ def test_a_process_may_read_what_an_outcome_has_set(tmp_path: Path) -> None:
     for rows in found.values():
         for row in rows.values():
             assert all(lamp == heat for lamp, heat, *_ in row)
+
+
+def test_an_outcomes_change_comes_before_its_actions_and_that_before_the_owners(tmp_path: Path) -> None:
+    found = successors(
+        tmp_path, FEATURES["an outcome sets what its action and the owner change too"],
+        "default.default.default", ("lamp", "loc"),
+    )  # fmt: skip
+    # lamp = 0: the first outcome's change matches; with the others the action's does
+    assert found[0, A]["go"] == {(4, B): 0.5, (3, A): 0.5}
+    # lamp = 1: the outcome's does not match any more, the action's still does
+    assert found[1, A]["go"] == {(3, B): 0.5, (3, A): 0.5}
+    # lamp = 3: neither matches, so that the owner's follows
+    assert found[3, A]["go"] == {(4, B): 0.5, (4, A): 0.5}
 
 
 def test_without_space_an_outcome_sets_too(tmp_path: Path) -> None:

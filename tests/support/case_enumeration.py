@@ -28,6 +28,8 @@ from tests.support.case_reading import (
 State = tuple[Any, ...]
 Row = dict[State, tuple[Fraction, Fraction]]
 Drawn = list[tuple[Fraction, dict[str, Any]]]
+# The process that an action or outcome sets, and what it makes of it; the first that matches counts.
+Sets = list[tuple[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -178,17 +180,17 @@ class _Enumeration:
 
     def moves(
         self, now: dict[str, Any], action: str
-    ) -> Iterator[tuple[Fraction, dict[str, Any], dict[str, Any]]]:
-        """What becomes of location and mode, with the `sets` of that outcome."""
+    ) -> Iterator[tuple[Fraction, dict[str, Any], Sets]]:
+        """What becomes of location and mode, with what that outcome sets and then its action."""
         declared = self.composition.case["capability"]["actions"].get(action, False)
         if declared is False:
             modes = self.innate["actions"].get(action, {now["mode"]: {self.innate["entry"]: 1}})[now["mode"]]
             for mode, chance in modes.items():
                 probability = Fraction(evaluate(chance, Scope(self.composition, "capability", now)))
                 if probability:
-                    yield probability, {"at": now["at"], "mode": mode}, {}
+                    yield probability, {"at": now["at"], "mode": mode}, []
             return
-        here, everywhere = now["at"], (declared or {}).get("sets", {})
+        here, everywhere = now["at"], (declared or {}).get("sets", {}).items()
         entries = self.composition.external(action)
         scope = Scope(self.composition, "capability", now)
         targets = [self.composition.target(scope, entry["move"]) for entry in entries]
@@ -198,14 +200,15 @@ class _Enumeration:
         assert (sum(chances), min(chances) >= 0) == (1, True), (action, chances)
         for entry, target, chance in zip(entries, targets, chances, strict=True):
             if chance:
-                yield chance, {"at": target, "mode": now["mode"]}, {**everywhere, **entry.get("sets", {})}
+                own = entry.get("sets", {}).items()
+                yield chance, {"at": target, "mode": now["mode"]}, [*own, *everywhere]
 
     def drawn(
         self,
         now: dict[str, Any],
         after: dict[str, Any],
         action: str,
-        sets: Mapping[str, Any],
+        sets: Sets,
         waiting: list[Process],
         chance: Fraction,
     ) -> Iterator[tuple[Fraction, dict[str, Any]]]:
@@ -224,14 +227,14 @@ class _Enumeration:
         now: dict[str, Any],
         after: dict[str, Any],
         action: str,
-        sets: Mapping[str, Any],
+        sets: Sets,
     ) -> Drawn:
         """The distribution of a process's next values, by the first change that matches."""
         if process.frozen:
             return [(Fraction(1), {})]
         placed = [
             change if isinstance(change, Mapping) and "set" in change else {"set": change}
-            for name, change in sets.items()
+            for name, change in sets
             if name == process.name
         ]
         changes = [(change, "capability") for change in placed]

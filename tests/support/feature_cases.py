@@ -131,6 +131,23 @@ objective:
   ends_in: twice
   unsafe: {at: {rows: [1, 1], cols: [1, 2]}, where: wet}
 """,
+    "an outcome sets what its action and the owner change too": """\
+case: layered
+space: {locations: {a: [0, 0], b: [1, 0]}, edges: [[a, b, go], [b, a, go]]}
+environment:
+  processes:
+    lamp: {range: [0, 4], initial: 0, changes: [{set: "lamp > 3 ? 0 : lamp + 1"}]}
+capability:
+  actions:
+    go:
+      sets: {lamp: {where: lamp < 2, set: 3}}
+      outcomes:
+        - {move: go, probability: 0.5, sets: {lamp: {where: lamp = 0, set: 4}}}
+        - {move: stay, probability: 0.3}
+        - {move: stay, probability: 0.2, sets: {lamp: {where: moved, set: 1}}}
+    wait: {}
+objective: {start: a, horizon: 4, rewards: [{action: go, value: lamp' - lamp}]}
+""",
     "sets, drawn with an outcome or apart from it": """\
 case: sets
 space: {locations: {a: [0, 0], b: [1, 0]}, edges: [[a, b, go], [b, a, go]]}
