@@ -29,7 +29,7 @@ def normalised(log: Floats) -> Floats:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_weights_in_the_base_are_those_of_whole_models(tmp_path: Path, seed: int) -> None:
-    # Second route: each combination synthesised. The case has attributes that differ, blocked
+    # Second route: each combination explored. The case has attributes that differ, blocked
     # edges, an automaton, actions with two moves, and ends that read attributes of the successor.
     case = load_case(write_case(tmp_path, GRAPH))
     generator = np.random.default_rng(seed)

@@ -9,8 +9,8 @@ from merap.checker.combination_model import build_combination
 from merap.checker.storm import StormModel, build_text
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import synthesise
 from merap.errors import EngineError, InputError, MerapError
+from merap.families.models import explored
 from merap.mdp.comparison import compare
 from merap.mdp.model import Floats, TabularMDP
 from merap.mdp.umb import read_umb
@@ -125,7 +125,7 @@ def test_the_optimum_equals_backward_induction(name: str) -> None:
     combination = OPTIMA[name]
     horizon, discount = combination.objective.horizon, combination.discount
     built = build_combination(combination)
-    expected = dense_optimum(synthesise(combination), horizon, discount)
+    expected = dense_optimum(explored(combination), horizon, discount)
     suffix = "" if discount == 1 else f"discount={discount}"
     answer = built.storm.check(f'R{{"objective"}}max=? [C<={horizon}{suffix}]', built.mdp.initial)
     assert answer.value == pytest.approx(expected, abs=1e-6)

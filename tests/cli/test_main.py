@@ -11,7 +11,7 @@ import stormpy
 from ruamel.yaml import YAML
 
 from merap.concerns.case_study import load_case
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from tests.support.command_line import merap, refused
 from tests.support.paths import MODELS
 from tests.support.slow_chain import slow_case
@@ -156,7 +156,7 @@ def test_export_writes_archives_that_storm_reads(tmp_path: Path) -> None:
     assert len(list(out.glob("*.umb"))) == case.size == 3
     for combination in case.combinations():
         model = stormpy.build_model_from_umb(str(out / f"{combination.name}.umb"))
-        assert model.nr_states == synthesise(combination).num_states
+        assert model.nr_states == explored(combination).num_states
 
 
 def test_show_draws_png_and_svg(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from ruamel.yaml import YAML
 
 from merap.concerns.case_study import load_case
 from merap.concerns.schema_program import case_schema
-from merap.concerns.synthesis import synthesise
 from merap.errors import MerapError
+from merap.families.models import explored
 from merap.mapek.scenario import read_scenario
 from merap.runs.settings import read_config
 from tests.support.case_examples import GRAPH, GRID
@@ -107,7 +107,7 @@ def load_or_refuse(folder: Path, content: bytes) -> None:
     try:
         case = load_case(path)
         for system in case.systems.values():
-            synthesise(system)
+            explored(system)
     except MerapError as error:
         message = str(error)
         assert message.startswith(str(path)) or "has no action" in message

@@ -11,8 +11,8 @@ import pytest
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.external_action import ExternalAction
 from merap.concerns.steps import goal_locations
-from merap.concerns.synthesis import synthesise
 from merap.errors import InputError
+from merap.families.models import explored
 from merap.program.expressions import Constant, evaluate, render
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 
@@ -117,7 +117,7 @@ def test_a_sure_move_has_one_outcome_and_the_intended_one_stays(tmp_path: Path, 
 def test_primes_read_where_the_intended_move_leads(graph: CaseStudy) -> None:
     """S -east-> A is slippery there, A -east-> G is not: 0.9 / 2 and 0.9 (configuration slow)."""
     combination = graph.combination("open.slow.g")
-    mdp = synthesise(combination)
+    mdp = explored(combination)
     east = mdp.action_names.index("east")
     chosen = (mdp.choice_action == east)[mdp.branch_choice]
     moved = mdp.valuations[mdp.branch_target, 0] != mdp.valuations[mdp.choice_state[mdp.branch_choice], 0]

@@ -7,7 +7,7 @@ import pytest
 
 from merap.concerns.combination import Condition, RewardRule
 from merap.concerns.steps import holds_in_states
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from tests.support.hand_made import graph_combination, number, parsed, with_objective
 from tests.support.mdp_lookup import reward
 
@@ -16,7 +16,7 @@ S, A, B, G = 0, 1, 2, 3
 
 
 def test_the_first_rule_that_matches_pays() -> None:
-    mdp = synthesise(graph_combination())
+    mdp = explored(graph_combination())
     assert reward(mdp, (G, SCANNED, 0), "stop") == 20
     # a step to G where it is lighter: light / 4 of the source (0 at B), else the rule for the dark idle B: -3
     assert reward(mdp, (B, IDLE, 0), "go") == pytest.approx(0.6 * 0 + 0.4 * -3)
@@ -27,7 +27,7 @@ def test_the_first_rule_that_matches_pays() -> None:
 
 
 def test_no_rule_earns_nothing() -> None:
-    mdp = synthesise(with_objective(graph_combination(), rules=()))
+    mdp = explored(with_objective(graph_combination(), rules=()))
     assert not mdp.choice_reward.any()
     assert mdp.branch_reward is not None
     assert not mdp.branch_reward.any()
@@ -38,7 +38,7 @@ def test_a_rule_that_names_what_the_capability_lacks_never_matches() -> None:
         RewardRule(Condition(actions=frozenset({"fly"})), number(100)),
         RewardRule(Condition(), number(1)),
     )
-    mdp = synthesise(with_objective(graph_combination(), rules=rules))
+    mdp = explored(with_objective(graph_combination(), rules=rules))
     assert set(mdp.choice_reward.tolist()) == {0.0, 1.0}
 
 
@@ -50,9 +50,18 @@ def test_a_value_is_computed_only_where_its_rule_matches() -> None:
             Condition(at=np.array([True, True, False, True]), where=parsed("1 / light > 1")), number(9)
         ),
     )
-    mdp = synthesise(with_objective(graph_combination(), rules=rules))
+    mdp = explored(with_objective(graph_combination(), rules=rules))
     assert reward(mdp, (S, IDLE, 0), "stop") == pytest.approx(1 / 3)
     assert reward(mdp, (B, IDLE, 0), "stop") == 0
+
+
+def test_a_condition_need_not_be_defined_where_the_rest_does_not_hold() -> None:
+    # light is 0 at B alone
+    elsewhere = np.array([True, True, False, True])
+    rule = RewardRule(Condition(at=elsewhere, where=parsed("1 / light > 0.4")), parsed("2 / light"))
+    mdp = explored(with_objective(graph_combination(), rules=(rule,)))
+    assert reward(mdp, (A, IDLE, 0), "stop") == 1
+    assert reward(mdp, (S, IDLE, 0), "stop") == reward(mdp, (B, IDLE, 0), "stop") == 0
 
 
 def test_conditions_on_states_read_location_mode_and_attributes() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from merap.checker.storm import build_text
 from merap.concerns.combination import Combination, Condition
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from merap.mdp.chain import induced_chain
 from merap.mdp.comparison import compare
 from merap.mdp.graph import restrict_to_reachable
@@ -35,7 +35,7 @@ def random_policy(model: TabularMDP, seed: int) -> Floats:
 
 
 def chain_of(combination: Combination, seed: int = 0) -> TabularMDP:
-    whole = synthesise(combination)
+    whole = explored(combination)
     return restrict_to_reachable(induced_chain(whole, random_policy(whole, seed)))
 
 
@@ -65,7 +65,7 @@ def test_conditions_of_labels_are_decided_exactly() -> None:
     # light is 3 at S: 0.1 * 3 + 0.2 <= 0.5 holds, though it does not for doubles
     at_most = Condition(where=parsed("light * 0.1 + 0.2 <= 0.5 & light > 2"))
     combination = with_objective(graph_combination(), unsafe=at_most)
-    assert synthesise(combination).labels["unsafe"].any()
+    assert explored(combination).labels["unsafe"].any()
     require_agreement(combination, 0)
 
 
@@ -111,7 +111,7 @@ def star(prob: Floats) -> TabularMDP:
 
 def test_a_small_chain_reads_well() -> None:
     combination = grid_combination(size=2, goal=(0, 1))
-    whole = synthesise(combination)
+    whole = explored(combination)
     policy = (whole.enabled * [1.0, 0, 0, 0, 3.0, 1.0])[:, : whole.num_actions]
     policy /= policy.sum(axis=1, keepdims=True)
     text = render_policy(combination, restrict_to_reachable(induced_chain(whole, policy)), "stop or right")

@@ -1,4 +1,4 @@
-"""PRISM text, built by Storm, against the definition: two routes to the same model."""
+"""PRISM text, built by Storm, against our exploration: two routes to the same model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from merap.checker.combination_model import build_combination
 from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from merap.mdp.comparison import compare
 from merap.prism.rendering import render
 from merap.prism.templates import WIDTH
@@ -37,18 +37,18 @@ from tests.support.random_combinations import random_combination
 
 def require_agreement(combination: Combination) -> None:
     """The two routes agree on the whole text: states, actions, 1e-12, 1e-9, labels, start distribution."""
-    built, defined = build_combination(combination).mdp, synthesise(combination)
-    compare(built, defined).require_same()
-    assert set(defined.labels) <= set(built.labels)
+    built, found = build_combination(combination).mdp, explored(combination)
+    compare(built, found).require_same()
+    assert set(found.labels) <= set(built.labels)
 
 
 @pytest.mark.parametrize("name", HAND_MADE)
-def test_storm_builds_what_is_defined(name: str) -> None:
+def test_storm_builds_what_is_explored(name: str) -> None:
     require_agreement(HAND_MADE[name])
 
 
 @pytest.mark.parametrize("seed", range(64))
-def test_storm_builds_what_is_defined_for_random_combinations(seed: int) -> None:
+def test_storm_builds_what_is_explored_of_random_combinations(seed: int) -> None:
     require_agreement(random_combination(seed))
 
 
@@ -64,7 +64,7 @@ def test_random_combinations_have_every_feature() -> None:
     assert {len(action.outcomes) for action in external} >= {1, 2, 3}
     for ends in ("ends_in", "ends_after", "unsafe"):
         assert {getattr(objective, ends) is None for objective in objectives} == {True, False}
-    assert max(synthesise(combination).num_states for combination in drawn) > 30
+    assert max(explored(combination).num_states for combination in drawn) > 30
 
 
 # --- what is easily got wrong ---
@@ -154,12 +154,12 @@ def test_names_of_attributes_that_engines_or_the_text_use_otherwise() -> None:
 BUILD = """
 import sys
 from merap.checker.combination_model import build_combination
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from merap.mdp.comparison import compare
 from tests.support.large_spaces import random_graph, random_grid
 combination = {"graph": random_graph, "grid": random_grid}[sys.argv[1]](int(sys.argv[2]))
-compare(build_combination(combination).mdp, synthesise(combination)).require_same()
-print(synthesise(combination).num_states)
+compare(build_combination(combination).mdp, explored(combination)).require_same()
+print(explored(combination).num_states)
 """
 
 

@@ -15,7 +15,7 @@ from merap.belief.space import HypothesisSpace
 from merap.belief.update import ObservedStep, observe_enabled, observe_presence, observe_step
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import pair_valuations, synthesise
+from merap.families.models import explored
 from merap.mdp.model import Floats, TabularMDP
 
 Generator = np.random.Generator
@@ -62,7 +62,7 @@ class Seen:
 
 def trajectory(combination: Combination, length: int, noise: float, generator: Generator) -> list[Seen]:
     """Random enabled actions in a whole model, with noise on the rewards; a new episode after an end."""
-    model = synthesise(combination)
+    model = explored(combination)
     index = _states(combination, model)
     flag = model.labels["done"]
     start = int(np.flatnonzero(model.initial)[0])
@@ -85,7 +85,10 @@ def trajectory(combination: Combination, length: int, noise: float, generator: G
 def _states(combination: Combination, model: TabularMDP) -> list[int]:
     """Return the row of each canonical state that is not done; -1 if it is not reachable."""
     rows = {tuple(row): number for number, row in enumerate(model.valuations.tolist())}
-    return [rows.get((*row, 0), -1) for row in pair_valuations(combination).tolist()]
+    modes = range(len(combination.modes))
+    return [
+        rows.get((*place, mode, 0), -1) for place in combination.space.valuations.tolist() for mode in modes
+    ]
 
 
 def _canonical(index: list[int], row: int) -> int:
@@ -94,7 +97,7 @@ def _canonical(index: list[int], row: int) -> int:
 
 def log_likelihood(combination: Combination, seen: Sequence[Seen], noise: float, slip: float) -> float:
     """Of a trajectory under one combination whose actions do nothing with probability `slip`."""
-    model = synthesise(combination)
+    model = explored(combination)
     index = _states(combination, model)
     total = 0.0
     for one in seen:

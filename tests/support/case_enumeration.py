@@ -178,9 +178,7 @@ class _Enumeration:
             begun = after | {"done": ends}
             yield from self.drawn(now, begun, action, sets, self.composition.processes, chance)
 
-    def moves(
-        self, now: dict[str, Any], action: str
-    ) -> Iterator[tuple[Fraction, dict[str, Any], Sets]]:
+    def moves(self, now: dict[str, Any], action: str) -> Iterator[tuple[Fraction, dict[str, Any], Sets]]:
         """What becomes of location and mode, with what that outcome sets and then its action."""
         declared = self.composition.case["capability"]["actions"].get(action, False)
         if declared is False:

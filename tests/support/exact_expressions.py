@@ -1,6 +1,6 @@
 """Random expressions with their meaning in plain Python: fractions, one value at a time.
 
-Nothing of merap is used here, so that it is a third route beside synthesis and PRISM text.
+Nothing of merap is used here, so that it is a third route beside exploration and PRISM text.
 """
 
 from __future__ import annotations

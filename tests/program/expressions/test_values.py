@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from merap.checker.combination_model import build_combination
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
-from merap.concerns.synthesis import synthesise
+from merap.families.models import explored
 from merap.mdp.model import TabularMDP
 from merap.program.expressions import Column, evaluate, parse, tabulate
 from tests.support.exact_expressions import Sample, numbers, truths
@@ -162,7 +162,7 @@ def loaded(folder: Path, case: dict[str, Any]) -> Combination:
 
 
 def both_routes(combination: Combination) -> list[TabularMDP]:
-    return [synthesise(combination), build_combination(combination).mdp]
+    return [explored(combination), build_combination(combination).mdp]
 
 
 def surroundings(place: int, following: int | None = None) -> dict[str, Fraction]:
