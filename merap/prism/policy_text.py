@@ -12,7 +12,7 @@ import numpy as np
 
 from merap.mdp.alignment import align_variables
 from merap.mdp.model import Floats, Ints, TabularMDP
-from merap.mdp.reserved_names import COMPLETE_LABEL, FLAG_VARIABLE
+from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.prism.engine_text import EngineText, text_of
 from merap.prism.lines import CommandLine
 from merap.prism.location_tree import location_tree
@@ -21,22 +21,22 @@ from merap.prism.reward_text import rewards_text
 from merap.prism.templates import fill_in
 from merap.program.expressions import Constant, Expression
 from merap.program.form import Program, StateVariable
+from merap.program.names import unique_name
 
 # Decimals of a probability. Engines take their nearest double; exact ones see rows that sum to 1.
 _DECIMALS = 15
 
 
-def policy_text(program: Program, digest: str, chain: TabularMDP, title: str) -> str:
+def policy_text(program: Program, chain: TabularMDP, header: Sequence[str]) -> str:
     """Return the text of a chain.
 
     Args:
-        program: whose variables its states have.
-        digest: of the sources of the program.
+        program: whose variables its states have, named as in text.
         chain: one choice for each state, all reachable.
-        title: a line of comment.
+        header: lines of comment.
     """
     writer = ProgramWriter(program)
-    shifted = rewards_text(program, EngineText(program))[1]
+    structures = {one.name: one for one in rewards_text(program, EngineText(program))}
     names = tuple(one.name for one in program.variables)
     valuations = align_variables(chain, names)
     going = np.flatnonzero(~chain.labels[COMPLETE_LABEL])
@@ -50,13 +50,14 @@ def policy_text(program: Program, digest: str, chain: TabularMDP, title: str) ->
     }
     return fill_in(
         "policy.prism.j2",
-        title=title,
-        digest=digest,
+        header=header,
+        module=unique_name("policy", names),
         start_key=_start_key(program, chain, valuations) if sections["initial"] else [],
-        formulas=writer.text.take(),
         states=_commands(program, chain, valuations, going),
-        payments=_payments(program, valuations[going], chain.choice_reward[going], complete),
-        shifted=shifted,
+        payments=_payments(writer, program, valuations[going], chain.choice_reward[going]),
+        formulas=writer.text.take(),
+        shifted=structures.get("objective_shifted"),
+        shift=program.rewards["objective"].shift,
         **sections,
     )
 
@@ -86,29 +87,33 @@ def _commands(program: Program, chain: TabularMDP, valuations: Ints, going: Ints
     ]
 
 
-def _payments(program: Program, valuations: Ints, reward: Floats, complete: str) -> list[tuple[str, str]]:
+def _payments(
+    writer: ProgramWriter, program: Program, valuations: Ints, reward: Floats
+) -> list[tuple[str, str]]:
     """Return conditions on the variables beside the location and the flag, and what a step earns there.
 
     That is a tree over the location; where there is no state, it is the commonest reward.
 
     Args:
+        writer: of the program; it remembers the formulas.
         program: of the states.
         valuations: int64 [N, V], states that are not complete.
         reward: float64 [N].
-        complete: text that holds in complete states.
     """
     own = [place for place, one in enumerate(program.variables) if one.name in program.location]
     rest = [
-        place for place, one in enumerate(program.variables) if place not in own and one.name != FLAG_VARIABLE
+        place for place, one in enumerate(program.variables) if place not in own and one.name != program.flag
     ]
     groups, group = np.unique(valuations[:, rest], axis=0, return_inverse=True)
-    payments = []
+    complete, payments = writer.text.truth(program.labels[COMPLETE_LABEL]), []
     for number, values in enumerate(groups.tolist()):
         there = np.flatnonzero(group == number)
         terms = (_is(program.variables[place], value) for place, value in zip(rest, values, strict=True))
         where = " & ".join([*terms, f"!{complete}"])
         places = [program.variables[place] for place in own]
-        payments.append((where, text_of(_by_location(places, valuations[there][:, own], reward[there]))))
+        form = _by_location(places, valuations[there][:, own], reward[there])
+        value = text_of(writer.text.formula(f"pay_{number}", form))
+        payments.append((where, f"({value})" if value.startswith("-") else value))
     return payments
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +13,17 @@ from merap.checker.storm import build_text
 from merap.concerns.lookup import declared_case
 from merap.families.models import built
 from merap.learning.config import TrainingConfig
-from merap.learning.meta import MetaPolicy
+from merap.learning.meta import MetaPolicy, on_index
 from merap.learning.policy import policy_table
 from merap.mdp.evaluation import expected_return
 from merap.runs.checkpoint import read_policy
 from merap.runs.policy_export import csv_text, npz_bytes, prism_text, tabulate
 from merap.runs.run_folder import RunFolder, read_base
-from merap.runs.train import tasks_of
+from merap.runs.train import batch_of, tasks_of
 from merap.strategies.adaptation import adapt
 from merap.strategies.adapted_policy import adapted_policy
 from tests.support.paths import MODELS
-from tests.support.trained_runs import trained
+from tests.support.trained_runs import SMALL, trained
 
 RUNNING_EXAMPLE = MODELS / "running-example"
 
@@ -111,3 +112,17 @@ def test_an_adapted_policy_is_the_one_that_adapting_ends_with(run: RunFolder) ->
 def test_no_step_leaves_the_meta_policy(run: RunFolder, meta: MetaPolicy) -> None:
     same, _ = adapted_policy(run, run.case.system("met"), steps=0)
     assert all(torch.equal(same.parameters[name], value) for name, value in meta.parameters.items())
+
+
+@pytest.mark.parametrize("case", ["web-service", "families/pump.yaml"])
+def test_a_policy_of_any_family_can_be_taken_away(tmp_path: Path, case: str) -> None:
+    """Storm on the text, against the table on the model: no locations, flags, names of values."""
+    run = trained(tmp_path / "run", SMALL, MODELS / case)
+    base, met = read_base(run), run.case.system("met")
+    meta = read_policy(run, batch_of(base))
+    chain = build_text(prism_text(meta, base, met, "the meta policy"), "policy")
+    index = base.index.extended(built(met))
+    model = index.place(built(met))
+    policy = tabulate(on_index(meta, base.index, index, base.kinds), [model]).with_end
+    value = chain.check(f'R{{"objective"}}=? [C<={met.objective.horizon}]').value
+    assert value == pytest.approx(expected_return(model, policy, met.objective.horizon), abs=1e-9)
