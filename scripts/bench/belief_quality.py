@@ -16,6 +16,8 @@ import numpy as np
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy
+from merap.concerns.lookup import declared_case
+from merap.families.index import family_index, index_kinds
 from merap.strategies.evaluation import Run
 from merap.strategies.ground_truth import GroundTruth, ground_truth
 from merap.systems.simulated import SimulatedSystem
@@ -47,8 +49,10 @@ class BeliefProblem:
 
 def belief_problem(case: CaseStudy, condition: NoiseCondition) -> BeliefProblem:
     """Make the problem of the system `met` of a case."""
-    truth = ground_truth(case.system("met"), condition.slip)
-    return BeliefProblem(truth, condition, hypothesis_space(case))
+    system = case.system("met")
+    truth = ground_truth(system, condition.slip)
+    index = family_index(index_kinds([system.program]), case.actions, [truth.whole])
+    return BeliefProblem(truth, condition, hypothesis_space(declared_case(case), index=index))
 
 
 def followed_belief(problem: BeliefProblem, seed: int, lengths: Lengths) -> tuple[Run, BeliefStrategy]:
@@ -57,7 +61,8 @@ def followed_belief(problem: BeliefProblem, seed: int, lengths: Lengths) -> tupl
     truth = problem.truth
     strategy = BeliefStrategy(problem.hypotheses, truth.horizon, of_strategy)
     simulated = problem.simulated(of_system)
-    run = followed(seed, simulated, strategy, truth.model, truth.reachable, truth.horizon, lengths)
+    model = truth.model_on(problem.hypotheses.index)
+    run = followed(seed, simulated, strategy, model, truth.reachable, truth.horizon, lengths)
     return run, strategy
 
 

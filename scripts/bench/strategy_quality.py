@@ -80,7 +80,7 @@ def _followed(problem: AdaptationProblem, name: str, seed: int, lengths: Lengths
         seed,
         simulated,
         strategy,
-        problem.truth.model,
+        problem.truth.model_on(problem.context.index),
         problem.truth.reachable,
         problem.context.horizon,
         lengths,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.learning.progress import UpdateMetrics
 from merap.runs.checkpoint import CHECKPOINT_FILE, METRICS_FILE, POLICY_FILE

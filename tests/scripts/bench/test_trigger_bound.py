@@ -11,10 +11,9 @@ from scipy.stats import norm
 
 from merap.mdp.assembly import sum_by
 from merap.mdp.model import Floats, TabularMDP
-from merap.systems.slip import slipping_model
 from scripts.bench.trigger_bound import Ratio, most_in_time, nats_per_episode, power, ratio, visits
 from scripts.bench.trigger_delay import Change, World, change_delays, watch
-from scripts.bench.trigger_streams import Known, effect, gaussian, known, stream
+from scripts.bench.trigger_streams import Known, effect, gaussian, known, placed, stream
 from tests.support.hand_made import cells, grid_combination
 
 WORLD = World(slip=0.1, noise=0.5)
@@ -27,7 +26,7 @@ def before() -> Known:
 
 
 def worn(slip: float) -> TabularMDP:
-    return slipping_model(grid_combination(goal=GOAL), slip)
+    return placed(grid_combination(goal=GOAL), slip)
 
 
 def paying(model: TabularMDP, value: float) -> TabularMDP:
@@ -63,7 +62,7 @@ def test_a_goal_that_pays_less_tells_the_square_of_what_is_missing() -> None:
 
 
 def test_what_is_not_visited_tells_nothing_and_the_impossible_everything() -> None:
-    far = change_to(slipping_model(grid_combination(blocked=cells((8, 8)), goal=GOAL), WORLD.slip))
+    far = change_to(placed(grid_combination(blocked=cells((8, 8)), goal=GOAL), WORLD.slip))
     assert nats_per_episode(before(), far) == 0.0
     (seen,) = most_in_time(before(), far, 3, (1e-3,), np.random.default_rng(0))
     assert seen == pytest.approx(3 * 1e-3 * (4 / 0.9 + 1), abs=1e-3)

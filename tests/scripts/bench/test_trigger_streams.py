@@ -10,8 +10,7 @@ import pytest
 
 from merap.concerns.case_study import load_case
 from merap.mdp.model import TabularMDP
-from merap.systems.slip import slipping_model
-from scripts.bench.trigger_streams import Known, effect, gaussian, known, stream
+from scripts.bench.trigger_streams import Known, effect, gaussian, known, placed, stream
 from tests.support.hand_made import cells, grid_combination
 
 SLIP = 0.1
@@ -25,13 +24,13 @@ def before() -> Known:
 
 def path_cell() -> tuple[int, int]:
     """A cell that the policy goes through with certainty: the first after the start."""
-    step = int(before().policy[0, 0].argmax())
+    step = int(before().policy[0, 1].argmax())
     return {2: (1, 0), 4: (0, 1)}[step]
 
 
 def changed(blocked: tuple[int, int] | None = None, goal: tuple[int, int] = (4, 4)) -> TabularMDP:
     obstacles = None if blocked is None else cells(blocked)
-    return slipping_model(grid_combination(blocked=obstacles, goal=goal), SLIP)
+    return placed(grid_combination(blocked=obstacles, goal=goal), SLIP)
 
 
 def test_the_return_of_a_stream_is_the_exact_value() -> None:
@@ -48,7 +47,7 @@ def test_a_stream_is_made_of_whole_episodes() -> None:
     assert steps.last[-1]
     begin = np.concatenate([[True], steps.last[:-1]])
     assert np.all((steps.time == 0) == begin)
-    assert np.all(steps.state[begin] == 0)
+    assert np.all(steps.state[begin] == 1)
     assert np.array_equal(steps.state[1:][~begin[1:]], steps.target[:-1][~begin[1:]])
     # the way is blocked: no episode ends before the horizon
     assert len(steps.reward) == 20 * before().horizon
@@ -76,6 +75,6 @@ def test_a_harmless_change_on_the_way_is_told_apart() -> None:
     """A faster robot: what it does differs, and it is worth more."""
     case = load_case("models/running-example")
     slow = known(case.combination("b_blocked.speed_low.g1"), SLIP)
-    fast = effect(slow, slipping_model(case.combination("b_blocked.speed_high.g1"), SLIP))
+    fast = effect(slow, placed(case.combination("b_blocked.speed_high.g1"), SLIP))
     assert fast.visited
     assert fast.loss < 0
