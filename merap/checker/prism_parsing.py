@@ -17,7 +17,7 @@ from stormpy.developer.storage._storage import ExpressionParser
 
 from merap.checker.prism_model import ConstantType, PrismModel
 from merap.errors import InputError, shortened
-from merap.program.expressions import Constant, Expression, Operation, Variable, fold
+from merap.program.expressions import ONE, ZERO, Constant, Expression, Operation, Variable, fold
 from merap.program.form import (
     Command,
     InitialValues,
@@ -31,7 +31,6 @@ from merap.program.form import (
 
 GLOBALS = "globals"
 MAX_MESSAGE = 400
-_ONE = Constant(Fraction(1))
 _TYPES: Mapping[str, ConstantType] = {"int": "int", "bool": "bool", "rational": "double"}
 _OPERATORS = {
     "AND": "&",
@@ -113,11 +112,11 @@ def _variables_only(name: str, integers: Any, booleans: Any, *, starts: bool) ->
         StateVariable(one.name, _tree(one.lower_bound_expression), _tree(one.upper_bound_expression))
         for one in integers
     ]
-    variables += [StateVariable(one.name, Constant(Fraction(0)), _ONE, "bool") for one in booleans]
+    variables += [StateVariable(one.name, ZERO, ONE, "bool") for one in booleans]
     values = {}
     if starts:
         values = {one.name: _tree(one.initial_value_expression) for one in (*integers, *booleans)}
-    return Process(name, "environment", tuple(variables), (), (InitialValues(_ONE, values),))
+    return Process(name, "environment", tuple(variables), (), (InitialValues(ONE, values),))
 
 
 def _command(module: str, command: Any) -> Command:
@@ -173,7 +172,7 @@ def _as_written(found: Operation) -> Operation:
 
 
 def _not_negative(modulo: Operation) -> Expression:
-    return Operation(">=", (modulo.arguments[0], Constant(Fraction(0))))
+    return Operation(">=", (modulo.arguments[0], ZERO))
 
 
 def _require_unshared(processes: list[Process], shared: set[str]) -> None:

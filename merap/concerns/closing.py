@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from typing import Any, TypeVar
 
 from merap.concerns.combination import (
@@ -21,13 +20,11 @@ from merap.concerns.innate import Innate
 from merap.concerns.processes import DeclaredProcess
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Constants, Expression, fold
+from merap.program.expressions import FALSE, ZERO, Constants, Expression, fold
 from merap.program.form import ConcernName
 
 Change = Callable[[Expression], Expression]
 Part = TypeVar("Part", bound=Configuration)
-NOUGHT = Constant(Fraction(0))
-NEVER = Constant(False)
 # Closed configurations that are remembered.
 CAPACITY = 10_000
 
@@ -117,8 +114,8 @@ def possible(actions: Iterable[ExternalAction]) -> Iterator[ExternalAction]:
     The first outcome says what is intended, so it stays even if it is impossible.
     """
     for action in actions:
-        if action.requires != NEVER:
-            likely = (one for one in action.outcomes[1:] if one.probability != NOUGHT)
+        if action.requires != FALSE:
+            likely = (one for one in action.outcomes[1:] if one.probability != ZERO)
             yield replace(action, outcomes=(action.outcomes[0], *likely))
 
 
@@ -148,8 +145,8 @@ def _capability(capability: Capability, change: Change) -> Capability:
 
 def _innate(innate: Innate | None, change: Change) -> Innate | None:
     """Close an automaton; it is lacking where it requires what never holds."""
-    requires = NEVER if innate is None else change(innate.requires)
-    return None if innate is None or requires == NEVER else replace(innate, requires=requires)
+    requires = FALSE if innate is None else change(innate.requires)
+    return None if innate is None or requires == FALSE else replace(innate, requires=requires)
 
 
 def _objective(objective: DeclaredObjective, change: Change) -> DeclaredObjective:

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from merap.concerns.action_sets import joint_outcomes, with_sets
-from merap.concerns.conditions import FALSE, all_of
 from merap.concerns.location_tables import LocationTables, is_mode, mode_in
 from merap.concerns.processes import as_process, linked
 from merap.mdp.model import Floats
@@ -28,9 +26,19 @@ from merap.mdp.reserved_names import (
     MODE_VARIABLE,
     UNSAFE_LABEL,
 )
-from merap.program.expressions import Constant, Expression, Operation, Variable
-from merap.program.form import (
+from merap.program.expressions import (
+    FALSE,
+    ONE,
     TRUE,
+    Constant,
+    Expression,
+    Variable,
+    all_of,
+    any_of,
+    negation,
+    number,
+)
+from merap.program.form import (
     Command,
     InitialValues,
     Process,
@@ -48,8 +56,6 @@ if TYPE_CHECKING:
     from merap.concerns.combination import Condition, DeclaredCombination
     from merap.concerns.external_action import ExternalAction, Outcome
     from merap.concerns.innate import InnateAction
-
-ONE = Constant(Fraction(1))
 
 
 def compose(combination: DeclaredCombination) -> Program:
@@ -69,7 +75,7 @@ def compose(combination: DeclaredCombination) -> Program:
         "objective": RewardStructure(
             tuple(_rules(combination, tables)), first_match=True, shift=unique_name("shift", taken)
         ),
-        "steps": RewardStructure((RewardItem(ONE, _not(complete)),)),
+        "steps": RewardStructure((RewardItem(ONE, negation(complete)),)),
     }
     return Program(
         combination.name,
@@ -89,10 +95,6 @@ def compose(combination: DeclaredCombination) -> Program:
         ),
         flag=FLAG_VARIABLE,
     )
-
-
-def _not(condition: Expression) -> Expression:
-    return Operation("!", (condition,))
 
 
 def _processes(
@@ -138,9 +140,9 @@ def _space(combination: DeclaredCombination, tables: LocationTables, start: Floa
         ),
         tuple(
             InitialValues(
-                Constant(Fraction(float(start[place]))),
+                number(float(start[place])),
                 {
-                    name: Constant(Fraction(value))
+                    name: number(value)
                     for name, value in zip(
                         space.variable_names, space.valuations[place].tolist(), strict=True
                     )
@@ -196,7 +198,7 @@ def _capability(combination: DeclaredCombination, tables: LocationTables) -> Pro
         "capability",
         (replace(integer(MODE_VARIABLE, 0, len(modes) - 1), kind="named", values=modes),) if modes else (),
         tuple(commands),
-        (InitialValues(ONE, {MODE_VARIABLE: Constant(Fraction(capability.initial_mode))} if modes else {}),),
+        (InitialValues(ONE, {MODE_VARIABLE: number(capability.initial_mode)} if modes else {}),),
         f"capability {capability.name}: what the system can do",
     )
 
@@ -208,7 +210,7 @@ def _innate(action: InnateAction, requires: Expression) -> Iterator[Command]:
 
 
 def _to_mode(chance: Expression, mode: int) -> Update:
-    return Update(chance, {MODE_VARIABLE: Constant(Fraction(mode))})
+    return Update(chance, {MODE_VARIABLE: number(mode)})
 
 
 # --- objective: rule 4 ---
@@ -227,11 +229,11 @@ def _actions(combination: DeclaredCombination) -> list[str]:
 def _complete(combination: DeclaredCombination, tables: LocationTables) -> Expression:
     flag = Variable(FLAG_VARIABLE, 0)
     ends_in = combination.objective.ends_in
-    return flag if ends_in is None else Operation("|", (flag, tables.holds(ends_in)))
+    return flag if ends_in is None else any_of([flag, tables.holds(ends_in)])
 
 
 def _objective(combination: DeclaredCombination, tables: LocationTables, complete: Expression) -> Process:
-    going = _not(complete)
+    going = negation(complete)
     commands = [
         _command(action, going, *_flagged(combination.objective.ends_after, action, tables))
         for action in _actions(combination)
@@ -241,7 +243,7 @@ def _objective(combination: DeclaredCombination, tables: LocationTables, complet
         "objective",
         (boolean(FLAG_VARIABLE),),
         (*commands, _command(END_ACTION, complete)),
-        (InitialValues(ONE, {FLAG_VARIABLE: Constant(False)}),),
+        (InitialValues(ONE, {FLAG_VARIABLE: FALSE}),),
         f"objective {combination.objective.name}: what the user wants",
     )
 

@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias
 
 from merap.concerns.processes import Change
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Expression
-from merap.program.form import TRUE
+from merap.program.expressions import TRUE, Expression
 
 # The name of a process, and a change placed before its own.
 Sets: TypeAlias = tuple[tuple[str, Change], ...]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Expression
-from merap.program.form import TRUE
+from merap.program.expressions import TRUE, Expression
 
 
 @dataclass(frozen=True, repr=False)

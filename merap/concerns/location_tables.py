@@ -9,30 +9,31 @@ Axes: P locations, Q modes, B steps.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from fractions import Fraction
-from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from merap.concerns.conditions import all_of
-from merap.concerns.processes import NOUGHT, DeclaredProcess, moved
+from merap.concerns.processes import DeclaredProcess, moved
 from merap.concerns.space import Space
 from merap.mdp.model import Bools, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import (
+    TRUE,
+    ZERO,
     Column,
-    Constant,
     Expression,
     Lookup,
     Operation,
     Table,
     Variable,
+    all_of,
+    any_of,
+    negation,
+    number,
     parts,
     substitute,
     with_parts,
 )
-from merap.program.form import TRUE
 
 if TYPE_CHECKING:
     from merap.concerns.combination import Condition, DeclaredCombination
@@ -68,11 +69,11 @@ class LocationTables:
 
     def _index(self, prime: str) -> Expression:
         if not self._space.located:
-            return NOUGHT
+            return ZERO
         names = [Variable(f"{name}{prime}", 0) for name in self._space.variable_names]
         if self._space.shape is None:
             return names[0]
-        columns = Constant(Fraction(self._space.shape[1]))
+        columns = number(self._space.shape[1])
         return Operation("+", (Operation("*", (columns, names[0])), names[1]))
 
     def read(self, expression: Expression) -> Expression:
@@ -113,8 +114,7 @@ class LocationTables:
         for door in self._space.doors:
             in_the_way = door.edges[:, move] & self._passable[:, move]
             if in_the_way.any():
-                elsewhere = Operation("!", (self.within(in_the_way),))
-                conditions.append(Operation("|", (elsewhere, Variable(door.name, 0))))
+                conditions.append(any_of([negation(self.within(in_the_way)), Variable(door.name, 0)]))
         return conditions
 
     def _through(self, move: int, there: Expression, here: Expression) -> Expression:
@@ -147,7 +147,7 @@ class LocationTables:
         distances = np.unique(new - old)
         steps = distances[distances != 0].tolist()
         if len(steps) == 1:
-            distance = Constant(Fraction(abs(steps[0])))
+            distance = number(abs(steps[0]))
             there = Operation("+" if steps[0] > 0 else "-", (here, distance))
             return Operation("?:", (self._open(move, new != old), there, here))
         if len(distances) <= MAX_SHIFTS:
@@ -191,15 +191,12 @@ class LocationTables:
 
 def is_mode(mode: int, name: str = MODE_VARIABLE) -> Expression:
     """Return the condition of one mode."""
-    return Operation("=", (Variable(name, 0), Constant(Fraction(mode))))
+    return Operation("=", (Variable(name, 0), number(mode)))
 
 
 def mode_in(modes: Bools, name: str = MODE_VARIABLE) -> Expression:
     """Return membership in a set of modes (bool [Q])."""
-    if modes.all():
-        return TRUE
-    terms = [is_mode(mode, name) for mode in np.flatnonzero(modes).tolist()]
-    return reduce(lambda left, right: Operation("|", (left, right)), terms) if terms else Constant(False)
+    return TRUE if modes.all() else any_of(is_mode(mode, name) for mode in np.flatnonzero(modes).tolist())
 
 
 def location_scope(space: Space, here: Ints, there: Ints) -> dict[str, Column]:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +26,8 @@ from merap.program.expressions import (
     Operation,
     Table,
     Variable,
+    any_of,
+    number,
 )
 from merap.program.names import suggestion
 
@@ -114,7 +115,7 @@ class LocationWords(ShortRepr):
                     terms.append(Operation(IN, (index, parameter)))
         if mask.any():
             terms.insert(0, Lookup(Table("", Column.of(mask), meaning=text), index))
-        return reduce(lambda left, right: Operation("|", (left, right)), terms)
+        return any_of(terms)
 
     def _named(self, place: Variable) -> int:
         if place.name not in self.space.location_index:
@@ -123,9 +124,9 @@ class LocationWords(ShortRepr):
         return self.space.location_index[place.name]
 
 
-def _column(number: int) -> str:
+def _column(column: int) -> str:
     """Return where a word stands in an expression; 0: it stands in none."""
-    return f" at column {number}" if number else ""
+    return f" at column {column}" if column else ""
 
 
 def _text(place: Expression) -> str:
@@ -137,11 +138,11 @@ def _text(place: Expression) -> str:
 
 def cell(row: int, col: int) -> Expression:
     """Return a cell as `at(..)` has it."""
-    return Operation("cell", (Constant(Fraction(row)), Constant(Fraction(col))))
+    return Operation("cell", (number(row), number(col)))
 
 
 def _cell(place: Operation) -> tuple[int, int]:
-    numbers = [part.value for part in place.arguments if isinstance(part, Constant)]
-    if any(number.denominator != 1 for number in numbers):
-        raise InputError(f"expected a cell [row, col] of whole numbers, got {list(map(float, numbers))}")
-    return int(numbers[0]), int(numbers[1])
+    given = [part.value for part in place.arguments if isinstance(part, Constant)]
+    if any(value.denominator != 1 for value in given):
+        raise InputError(f"expected a cell [row, col] of whole numbers, got {list(map(float, given))}")
+    return int(given[0]), int(given[1])

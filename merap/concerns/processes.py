@@ -9,16 +9,27 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import reduce
 from itertools import product
 from typing import TypeAlias
 
-from merap.concerns.conditions import all_of, none_of
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Operation, Variable, fold, variables
-from merap.program.form import (
+from merap.program.expressions import (
+    ONE,
     TRUE,
+    ZERO,
+    Constant,
+    Expression,
+    Operation,
+    Variable,
+    all_of,
+    any_of,
+    fold,
+    none_of,
+    product_of,
+    variables,
+)
+from merap.program.form import (
     Command,
     ConcernName,
     Draw,
@@ -29,8 +40,6 @@ from merap.program.form import (
     whole,
 )
 from merap.program.joint_draws import joint_draws
-
-ONE, NOUGHT = Constant(Fraction(1)), Constant(Fraction(0))
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,7 +182,7 @@ def _decided(changes: Sequence[Change]) -> dict[str, Expression]:
 
 
 def _where(condition: Expression, probability: Expression) -> Expression:
-    return Operation("?:", (condition, probability, NOUGHT))
+    return Operation("?:", (condition, probability, ZERO))
 
 
 def primed(change: Change) -> set[str]:
@@ -214,10 +223,10 @@ def linked(
     pairs += [(owner[name], places[reader]) for reader, names in read.items() for name in sorted(names)]
     for first, second in pairs:
         old, new = group[first], group[second]
-        group = [new if number == old else number for number in group]
+        group = [new if one == old else one for one in group]
     members = {
-        number: [process for process, own in zip(processes, group, strict=True) if own == number]
-        for number in sorted(set(group))
+        one: [process for process, own in zip(processes, group, strict=True) if own == one]
+        for one in sorted(set(group))
     }
     last = {max(places[process.name] for process in own): own for own in members.values()}
     return tuple(together(last[place], joint) for place in sorted(last))
@@ -267,15 +276,10 @@ def _draws(own: Mapping[str, tuple[Draw, ...]], outcomes: Sequence[Mapping[str, 
 
 
 def _joint_start(chosen: Sequence[InitialValues]) -> InitialValues:
-    probability = reduce(
-        lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)
-    )
-    return InitialValues(
-        fold(probability, {}), {name: value for one in chosen for name, value in one.values.items()}
-    )
+    probability = fold(product_of(one.probability for one in chosen), {})
+    return InitialValues(probability, {name: value for one in chosen for name, value in one.values.items()})
 
 
 def moved(names: Sequence[str]) -> Expression:
     """Return whether a step changes any of the location variables."""
-    differs = (Operation("!=", (Variable(f"{name}'", 0), Variable(name, 0))) for name in names)
-    return reduce(lambda left, right: Operation("|", (left, right)), differs)
+    return any_of(Operation("!=", (Variable(f"{name}'", 0), Variable(name, 0))) for name in names)

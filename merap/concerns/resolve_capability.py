@@ -23,12 +23,11 @@ from merap.concerns.schema_processes import SetSpec
 from merap.errors import InputError
 from merap.mdp.model import ROW_SUM_TOLERANCE
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Constants, Expression, Operation, fold
+from merap.program.expressions import FALSE, ONE, Constant, Constants, Expression, Operation, fold
 from merap.program.form import StateVariable
 from merap.program.names import suggestion
 
 NO_ENTRY = "no_entry"
-ONE = Constant(Fraction(1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,7 +207,7 @@ class CapabilityResolver:
         if template is None or spec is None:
             return None
         requires = self._fold(("capability", "innate", "requires"), name, known, template.requires)
-        if requires == Constant(False):
+        if requires == FALSE:
             return None
         actions = tuple(
             InnateAction(

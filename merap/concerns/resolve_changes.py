@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from fractions import Fraction
 
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import STEP, ExpressionNames, numbered
@@ -11,11 +10,10 @@ from merap.concerns.processes import Change, primed
 from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.schema_processes import ANY, Draw, SetSpec
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import Constant, Expression, Kind, Operation
+from merap.program.expressions import ONE, Expression, Kind, Operation
 from merap.program.form import ConcernName, StateVariable, Update
 from merap.program.names import suggestion
 
-ONE = Constant(Fraction(1))
 Variables = Mapping[str, StateVariable]
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from merap.concerns.combination import Condition
-from merap.concerns.conditions import all_of
 from merap.concerns.document import KeyPath
 from merap.concerns.expression_names import ExpressionNames
 from merap.concerns.location_tables import HERE, mode_in
@@ -14,8 +13,7 @@ from merap.concerns.resolution_context import ResolutionContext, as_expression
 from merap.concerns.schema_objective import EndSpec, PredicateSpec, RewardSpec, Successor
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import Expression, Operation, Variable
-from merap.program.form import TRUE
+from merap.program.expressions import TRUE, Expression, Operation, Variable, all_of
 from merap.program.names import suggestion
 
 PRIME = "'"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import cached_property, reduce
+from functools import cached_property
 from itertools import product
 
 from merap.concerns.document import KeyPath
@@ -16,7 +15,14 @@ from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_processes import ProcessSpec, VariableSpec
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Constants, Expression, Operation, fold
+from merap.program.expressions import (
+    ZERO,
+    Constants,
+    Expression,
+    fold,
+    number,
+    product_of,
+)
 from merap.program.form import ConcernName, InitialValues, StateVariable, boolean, integer
 
 
@@ -64,8 +70,7 @@ def _variable(name: str, spec: VariableSpec) -> StateVariable:
     if spec.range is not None:
         return integer(name, *spec.range)
     assert spec.values is not None
-    low, high = Constant(Fraction(0)), Constant(Fraction(len(spec.values) - 1))
-    return StateVariable(name, low, high, "named", spec.values)
+    return StateVariable(name, ZERO, number(len(spec.values) - 1), "named", spec.values)
 
 
 class ProcessResolver:
@@ -142,7 +147,7 @@ def _initial(reader: ChangeReader, entry: ProcessEntry) -> tuple[InitialValues, 
     ]
     return tuple(
         InitialValues(
-            reduce(lambda left, right: Operation("*", (left, right)), (one.probability for one in chosen)),
+            product_of(one.probability for one in chosen),
             {name: value for one in chosen for name, value in one.assignments.items()},
         )
         for chosen in product(*separate)

@@ -15,8 +15,7 @@ from merap.concerns.location_tables import location_scope
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import Column, Expression, evaluate, variables
-from merap.program.form import TRUE
+from merap.program.expressions import TRUE, Column, Expression, evaluate, variables
 
 
 def beyond_places_and_modes(combination: Combination) -> str | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cached_property
 from typing import TypeVar
 
@@ -17,19 +16,23 @@ from merap.concerns.schema_program import WrittenObjectiveSpec, WrittenRewardSpe
 from merap.errors import InputError
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, GOAL_LABEL, UNSAFE_LABEL
 from merap.mdp.short_repr import ShortRepr
-from merap.program.completion import both, completed, enabled, negated
+from merap.program.completion import completed, enabled
 from merap.program.expressions import (
+    FALSE,
+    ONE,
+    TRUE,
     Constant,
     Expression,
     Kind,
     Operation,
     Variable,
+    all_of,
+    negation,
     parts,
     substitute,
     with_parts,
 )
 from merap.program.form import (
-    TRUE,
     ConcernName,
     Program,
     RewardItem,
@@ -41,7 +44,6 @@ from merap.program.renaming import renamed
 from merap.program.unique_actions import unique_actions
 
 REWARD, STEPS, SHIFT = "objective", "steps", "shift"
-NEVER = Constant(False)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,20 +102,20 @@ def open_program(
     end = {END_ACTION: unique_name(f"{END_ACTION}_", program.actions)}
     program = renamed(program, actions=end)
     compiled = _Compiler(model, program, context)
-    complete = NEVER if spec.ends_in is None else compiled(("ends_in",), spec.ends_in)
-    own = {COMPLETE_LABEL: complete, GOAL_LABEL: NEVER}
+    complete = FALSE if spec.ends_in is None else compiled(("ends_in",), spec.ends_in)
+    own = {COMPLETE_LABEL: complete, GOAL_LABEL: FALSE}
     for name, given in ((GOAL_LABEL, spec.goal), (UNSAFE_LABEL, spec.unsafe)):
         if given is not None or name in program.labels:
             own[name] = compiled((name,), f'"{name}"' if given is None else given)
     program = _with_resolved_parameters(program, context)
-    going = negated(complete)
+    going = negation(complete)
     labels, other_labels = _beside(own, program.labels, frozenset(own))
     rewards, other_rewards = _beside(
         {REWARD: _structure(program, spec, compiled, going)},
         {name: one for name, one in program.rewards.items() if not name == spec.reward == REWARD},
         frozenset({REWARD, f"{REWARD}_shifted"}),
     )
-    rewards.setdefault(STEPS, RewardStructure((RewardItem(Constant(Fraction(1)), going),)))
+    rewards.setdefault(STEPS, RewardStructure((RewardItem(ONE, going),)))
     definitions = {} if isinstance(complete, Constant) else {"complete": complete}
     return OpenProgram(
         replace(program, labels=labels, rewards=rewards, definitions=definitions),
@@ -163,7 +165,7 @@ class _Compiler(ShortRepr):
     @cached_property
     def _definitions(self) -> Mapping[str, Expression]:
         labels = {f'"{name}"': where for name, where in self.program.labels.items()}
-        return {'"deadlock"': negated(enabled(self.program)), **labels, **self.model.definitions}
+        return {'"deadlock"': negation(enabled(self.program)), **labels, **self.model.definitions}
 
     def __call__(
         self, path: KeyPath, given: str | float, expected: Kind = "bool", *, of_step: bool = False
@@ -211,7 +213,7 @@ def _structure(
     else:
         known = suggestion(spec.reward, program.rewards)
         raise compiled.error(("reward",), f"the text has no reward structure {spec.reward!r}{known}")
-    gated = (rule if rule.actions else replace(rule, guard=both([going, rule.guard])) for rule in rules)
+    gated = (rule if rule.actions else replace(rule, guard=all_of([going, rule.guard])) for rule in rules)
     return RewardStructure(tuple(gated), first_match=spec.rewards is not None, shift=shift)
 
 

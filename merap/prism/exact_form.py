@@ -16,7 +16,7 @@ from typing import Protocol
 from merap.errors import InputError
 from merap.prism.engine_form import simplified
 from merap.prism.value_tables import COMPARISONS, Domains, least_of
-from merap.program.expressions import Constant, Expression, Lookup, Operation, Variable, fold
+from merap.program.expressions import Constant, Expression, Lookup, Operation, Variable, fold, product_of
 
 # Whole numbers up to here are exact in doubles; integers of PRISM-games end before.
 MAX_EXACT = 2**53
@@ -201,9 +201,7 @@ def _negative(number: _Scaled) -> _Scaled:
 
 def _product(left: _Scaled, right: _Scaled) -> _Scaled:
     corners = [one * two for one in (left.low, left.high) for two in (right.low, right.high)]
-    factors = [one for one in (left.over, right.over) if one != _number(1)]
-    over = Operation("*", (left.over, right.over)) if len(factors) == 2 else (*factors, _number(1))[0]
-    return _checked(over, left.by * right.by, min(corners), max(corners))
+    return _checked(product_of([left.over, right.over]), left.by * right.by, min(corners), max(corners))
 
 
 def _quotient(left: _Scaled, right: _Scaled) -> _Scaled:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from itertools import product
 from math import prod
 
 from merap.errors import InputError
-from merap.program.expressions import Constant, Expression, fold
+from merap.program.expressions import fold, product_of
 from merap.program.form import Command, Update
-from merap.program.joint_draws import joint_draws, times
+from merap.program.joint_draws import joint_draws
 
 MAX_OUTCOMES = 256
-ONE = Constant(Fraction(1))
 
 
 def joint_outcomes(commands: Sequence[Command]) -> Iterator[Update]:
@@ -27,8 +25,6 @@ def joint_outcomes(commands: Sequence[Command]) -> Iterator[Update]:
         places = ", ".join(command.place for command in commands)
         raise InputError(f"{places}: {count} joint outcomes, at most {MAX_OUTCOMES} are allowed")
     for drawn in product(*(joint_draws(command.draws) for command in commands)):
-        probability: Expression = ONE
-        for one in drawn:
-            probability = times(probability, one.probability)
+        probability = product_of(one.probability for one in drawn)
         values = {name: value for one in drawn for name, value in one.assignments.items()}
         yield Update(fold(probability, {}), values)

@@ -11,14 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
 from merap.mdp.model import Ints
-from merap.program.expressions import Constant, Expression, Operation, Variable
+from merap.program.expressions import Constant, Expression, Operation, Variable, all_of, any_of, number
 
 MAX_CHAIN = 64
 
@@ -65,20 +63,20 @@ class _Window:
 
     def union(self, boxes: Ints) -> Expression:
         """Return the membership in any of some boxes (rows of `_boxes`)."""
-        terms = [self._membership(*box) for box in boxes.tolist()]
-        return reduce(lambda left, right: Operation("|", (left, right)), terms)
+        return any_of(self._membership(*box) for box in boxes.tolist())
 
     def _membership(self, top: int, bottom: int, left: int, right: int) -> Expression:
         rows, columns = self.values.shape
-        terms = [
-            *_bounds(self.names[0], top, bottom, rows - 1, self.row),
-            *_bounds(self.names[1], left, right, columns - 1, self.column),
-        ]
-        return reduce(lambda one, other: Operation("&", (one, other)), terms)
+        return all_of(
+            [
+                *_bounds(self.names[0], top, bottom, rows - 1, self.row),
+                *_bounds(self.names[1], left, right, columns - 1, self.column),
+            ]
+        )
 
 
 def _compared(name: str, symbol: str, value: int) -> Expression:
-    return Operation(symbol, (Variable(name, 0), Constant(Fraction(value))))
+    return Operation(symbol, (Variable(name, 0), number(value)))
 
 
 def _bounds(name: str, first: int, last: int, end: int, offset: int) -> list[Expression]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from fractions import Fraction
 
 from merap.prism.engine_form import joined
 from merap.prism.engine_text import EngineText, text_of
@@ -18,7 +17,7 @@ from merap.prism.lines import CommandLine, Formula, LabelLine, VariableLine
 from merap.prism.reward_text import rewards_text, wrapped
 from merap.prism.templates import fill_in
 from merap.prism.text_names import text_names, with_text_names
-from merap.program.expressions import Constant, Expression, Operation, Variable
+from merap.program.expressions import FALSE, ZERO, Constant, Expression, Operation, Variable, negation
 from merap.program.form import Command, InitialValues, Process, Program, StateVariable, Update, whole
 
 KEY_WIDTH = 10
@@ -80,8 +79,7 @@ class ProgramWriter:
 
     def _possible(self, process: Process) -> list[InitialValues]:
         """Return the initial values of a process that have a probability above 0."""
-        nothing = Constant(Fraction(0))
-        return [one for one in process.initial if self.text.probability_form(one.probability) != nothing]
+        return [one for one in process.initial if self.text.probability_form(one.probability) != ZERO]
 
     def labels(self) -> list[LabelLine]:
         """Return the labels."""
@@ -124,9 +122,9 @@ class ProgramWriter:
         outcomes = []
         for outcome in joint_outcomes([command]):
             probability = self.text.probability_form(outcome.probability)
-            if probability != Constant(Fraction(0)):
+            if probability != ZERO:
                 outcomes.append((probability, self._assignments(outcome)))
-        if guard == Constant(False) or not outcomes:
+        if guard == FALSE or not outcomes:
             return CommandLine(command.action or "", "false", "true")
         if len(outcomes) == 1:
             return CommandLine(command.action or "", wrapped(guard), outcomes[0][1])
@@ -168,4 +166,4 @@ class ProgramWriter:
         own = Variable(name, 0)
         if self._by_name[name].kind != "bool":
             return self.text.truth_form(Operation("=", (own, value)))
-        return own if whole(value, name) else Operation("!", (own,))
+        return own if whole(value, name) else negation(own)

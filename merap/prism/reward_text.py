@@ -13,11 +13,18 @@ from merap.prism.engine_form import engine_form, joined
 from merap.prism.engine_text import EngineText, text_of
 from merap.prism.exact_form import least
 from merap.prism.joint_outcomes import joint_outcomes
-from merap.program.expressions import Constant, Expression, Operation, Variable, substitute, variables
-from merap.program.form import TRUE, Command, Program, RewardItem, RewardStructure
-
-NOTHING = Constant(Fraction(0))
-ONE = Constant(Fraction(1))
+from merap.program.expressions import (
+    TRUE,
+    ZERO,
+    Constant,
+    Expression,
+    Operation,
+    Variable,
+    product_of,
+    substitute,
+    variables,
+)
+from merap.program.form import Command, Program, RewardItem, RewardStructure
 
 
 @dataclass(frozen=True)
@@ -109,7 +116,7 @@ class _Expected:
         ]
         shift = self._structure.shift
         paid = items if shift is None else [self._pay(item, items) for item in items]
-        lines = [_line(item.action, item.guard, item.value) for item in paid if item.value != NOTHING]
+        lines = [_line(item.action, item.guard, item.value) for item in paid if item.value != ZERO]
         yield RewardsText(name, tuple(lines) or ("true : 0",))
         if shift is not None:
             yield _without_losses(name, tuple(self._shifted(paid, shift)), shift, self._least)
@@ -125,7 +132,7 @@ class _Expected:
     def _shifted(self, items: Sequence[_Item], shift: str) -> Iterator[str]:
         for item in items:
             more: Expression = Variable(shift, 0)
-            if item.value != NOTHING:
+            if item.value != ZERO:
                 more = Operation("+", (more, item.value))
             yield _line(item.action, item.guard, more)
 
@@ -161,12 +168,12 @@ class _Expected:
         for outcome in joint_outcomes(commands):
             after = {f"{name}'": outcome.assignments.get(name, Variable(name, 0)) for name in sorted(read)}
             probability = self._text.probability_form(outcome.probability)
-            if probability != NOTHING:
+            if probability != ZERO:
                 terms.append((probability, self._first_match(rules, after)))
         values = {value for _, value in terms}
         if len(values) == 1:
             return values.pop()
-        total = [_product(*term) for term in terms if term[1] != NOTHING]
+        total = [product_of(term) for term in terms if term[1] != ZERO]
         result = total[0]
         for term in total[1:]:
             result = Operation("+", (result, term))
@@ -174,7 +181,7 @@ class _Expected:
 
     def _first_match(self, rules: Sequence[RewardItem], after: dict[str, Expression]) -> Expression:
         cases: list[tuple[Expression, Expression]] = []
-        last: Expression = NOTHING
+        last: Expression = ZERO
         for rule in rules:
             guard = self._text.truth_form(substitute(rule.guard, after))
             if guard == Constant(False):
@@ -189,10 +196,6 @@ class _Expected:
         for guard, form in reversed(cases):
             last = last if form == last else Operation("?:", (guard, form, last))
         return last
-
-
-def _product(probability: Expression, value: Expression) -> Expression:
-    return value if probability == ONE else Operation("*", (probability, value))
 
 
 def _line(action: str | None, guard: Expression, value: Expression) -> str:

@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
-from fractions import Fraction
-from functools import reduce
 
 from merap.mdp.reserved_names import END_ACTION
-from merap.program.expressions import Constant, Expression, Operation
+from merap.program.expressions import ONE, Expression, all_of, any_of, negation
 from merap.program.form import Command, InitialValues, Process, Program, Update
-
-_ONE, _YES, _NO = Constant(Fraction(1)), Constant(True), Constant(False)
-
-
-def negated(condition: Expression) -> Expression:
-    """Return where a condition does not hold."""
-    return Operation("!", (condition,))
-
-
-def either(conditions: Collection[Expression]) -> Expression:
-    """Return where one of some conditions holds."""
-    return _joined("|", conditions) if conditions else _NO
-
-
-def both(conditions: Collection[Expression]) -> Expression:
-    """Return where all of some conditions hold."""
-    return _joined("&", conditions) if conditions else _YES
-
-
-def _joined(operator: str, conditions: Collection[Expression]) -> Expression:
-    return reduce(lambda one, other: Operation(operator, (one, other)), dict.fromkeys(conditions))
 
 
 def enabled(program: Program) -> Expression:
     """Return where a program has a step."""
     together = [
-        both(
+        all_of(
             [
-                either([command.guard for command in process.commands if command.action == action])
+                any_of([command.guard for command in process.commands if command.action == action])
                 for process in program.processes
                 if action in process.actions
             ]
@@ -51,7 +27,7 @@ def enabled(program: Program) -> Expression:
         for command in process.commands
         if command.action is None
     ]
-    return either([*together, *alone])
+    return any_of([*together, *alone])
 
 
 def completed(program: Program, complete: Expression, name: str) -> Program:
@@ -62,18 +38,18 @@ def completed(program: Program, complete: Expression, name: str) -> Program:
         complete: where nothing changes any more, over the state.
         name: of the process that sees to it; no other has it.
     """
-    going = negated(complete)
+    going = negation(complete)
     commands = [_rest(action, going) for action in program.actions]
     last = Process(
         name,
         "objective",
         (),
         (*commands, _rest(END_ACTION, complete)),
-        (InitialValues(_ONE, {}),),
+        (InitialValues(ONE, {}),),
         "objective: nothing happens any more where the task is complete",
     )
     return replace(program, processes=(*program.processes, last))
 
 
 def _rest(action: str, guard: Expression) -> Command:
-    return Command(action, guard, ((Update(_ONE),),), f"[{action}]")
+    return Command(action, guard, ((Update(ONE),),), f"[{action}]")

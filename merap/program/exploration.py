@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +19,7 @@ from merap.errors import InputError, ModelError
 from merap.mdp.assembly import sum_by
 from merap.mdp.graph import reachable_along
 from merap.mdp.model import Bools, Floats, Ints
-from merap.program.expressions import Constant, evaluate_where_defined, render
+from merap.program.expressions import ONE, Constant, evaluate_where_defined, number, render
 from merap.program.form import InitialValues, Program, whole
 from merap.program.states import Encoding, States
 from merap.program.steps import CommandChoice, StepBranches, Stepper
@@ -128,8 +127,8 @@ def started_at(program: Program, values: Mapping[str, int]) -> Program:
                 process,
                 initial=(
                     InitialValues(
-                        Constant(Fraction(1)),
-                        {one.name: Constant(Fraction(values[one.name])) for one in process.variables},
+                        ONE,
+                        {one.name: number(values[one.name]) for one in process.variables},
                     ),
                 ),
             )

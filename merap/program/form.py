@@ -16,11 +16,10 @@ from typing import Literal, TypeAlias
 
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constant, Expression, Value, fold, variables
+from merap.program.expressions import ONE, TRUE, ZERO, Constant, Expression, Value, fold, number, variables
 
 ConcernName: TypeAlias = Literal["environment", "capability", "objective"]
 Kind: TypeAlias = Literal["bool", "int", "named"]
-TRUE = Constant(True)
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,12 +64,12 @@ class StateVariable(ShortRepr):
 
 def integer(name: str, low: int, high: int) -> StateVariable:
     """Return a variable with the values low..high."""
-    return StateVariable(name, Constant(Fraction(low)), Constant(Fraction(high)))
+    return StateVariable(name, number(low), number(high))
 
 
 def boolean(name: str) -> StateVariable:
     """Return a variable that is true or false."""
-    return StateVariable(name, Constant(Fraction(0)), Constant(Fraction(1)), "bool")
+    return StateVariable(name, ZERO, ONE, "bool")
 
 
 def whole(expression: Expression, meaning: str) -> int:

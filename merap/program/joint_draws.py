@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from itertools import product
 
-from merap.program.expressions import Constant, Expression, Operation, Variable, substitute, variables
+from merap.program.expressions import (
+    ONE,
+    Expression,
+    Variable,
+    product_of,
+    substitute,
+    variables,
+)
 from merap.program.form import Draw, Update
-
-ONE = Constant(Fraction(1))
 
 
 def joint_draws(draws: Sequence[Draw]) -> Iterator[Update]:
@@ -18,7 +22,7 @@ def joint_draws(draws: Sequence[Draw]) -> Iterator[Update]:
         probability: Expression = ONE
         known: dict[str, Expression] = {}
         for outcome in outcomes:
-            probability = times(probability, _before(outcome.probability, known))
+            probability = product_of([probability, _before(outcome.probability, known)])
             known |= {name: _before(value, known) for name, value in outcome.assignments.items()}
         yield Update(probability, known)
 
@@ -27,10 +31,3 @@ def _before(expression: Expression, known: dict[str, Expression]) -> Expression:
     """Put in what earlier outcomes have given; what none of them has assigned keeps its value."""
     names = {one.name.removesuffix("'") for one in variables(expression) if one.name.endswith("'")}
     return substitute(expression, {f"{name}'": known.get(name, Variable(name, 0)) for name in names})
-
-
-def times(left: Expression, right: Expression) -> Expression:
-    """Return a product of probabilities."""
-    if left == ONE:
-        return right
-    return left if right == ONE else Operation("*", (left, right))

@@ -15,7 +15,8 @@ from merap.errors import EngineError, InputError
 from merap.mdp.csr import first_match, row_best
 from merap.mdp.graph import surely_reaching
 from merap.mdp.model import Bools, Ints, TabularMDP
-from merap.program.completion import completed, enabled, negated
+from merap.program.completion import completed, enabled
+from merap.program.expressions import negation
 from merap.program.form import Program
 from merap.systems.places import location_in, locations_in
 from merap.systems.world import KEPT, ProgramWorlds, Values, World
@@ -62,7 +63,7 @@ class ReturnTrips:
     def __init__(self, combination: DeclaredCombination, program: Program) -> None:
         self._combination = combination
         alone = replace(program, processes=program.moving, labels={}, rewards={})
-        resting = completed(alone, negated(enabled(alone)), "rest")
+        resting = completed(alone, negation(enabled(alone)), "rest")
         self._worlds = ProgramWorlds(resting, combination.action_names)
         self._policy = lru_cache(maxsize=KEPT)(self._solved)
 

@@ -18,10 +18,10 @@ from merap.mdp.model import TabularMDP
 from merap.prism.joint_outcomes import joint_outcomes
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
-from merap.program.expressions import Constant, Operation, fold
+from merap.program.expressions import ONE, Constant, Operation, fold
 from merap.program.form import Command, Draw, Program, Update
 
-_KEPT: Draw = (Update(Constant(Fraction(1))),)
+_KEPT: Draw = (Update(ONE),)
 
 
 def slipping_model(combination: Combination, slip: float) -> TabularMDP:

@@ -14,9 +14,9 @@ from merap.errors import InputError
 from merap.mdp.model import TabularMDP
 from merap.prism.program_text import render_program
 from merap.program.arrays import tabular
-from merap.program.completion import completed, enabled, negated
+from merap.program.completion import completed, enabled
 from merap.program.exploration import explore
-from merap.program.expressions import Value, render
+from merap.program.expressions import Value, negation, render
 from merap.program.form import Program, closed
 from merap.program.unique_actions import ambiguous_actions, unique_actions
 from tests.support.explored import choices_of
@@ -118,7 +118,7 @@ def test_the_model_is_that_of_storm_and_so_is_the_text_we_write(
 
 def without_deadlocks(program: Program, reward: str | None = None) -> TabularMDP:
     split = unique_actions(program, ambiguous_actions(explore(program)))
-    repaired = completed(split, negated(enabled(split)), "last")
+    repaired = completed(split, negation(enabled(split)), "last")
     return tabular(repaired, explore(repaired), reward=reward)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from merap.program.arrays import tabular
-from merap.program.completion import both, completed, either, enabled, negated
+from merap.program.completion import completed, enabled
 from merap.program.exploration import explore
-from merap.program.expressions import Constant, evaluate, parse
+from merap.program.expressions import Constant, all_of, any_of, evaluate, negation, parse
 from merap.program.form import Process, Program, integer
 from tests.support.programs import command, outcome, start
 
@@ -35,10 +35,10 @@ def test_a_complete_state_has_the_action_end_alone() -> None:
 
 def test_a_deadlock_can_be_completed() -> None:
     program = Program("up", (step("go", "x < 3"),))
-    whole = completed(program, negated(enabled(program)), "last")
+    whole = completed(program, negation(enabled(program)), "last")
     assert tabular(whole, explore(whole)).choice_action.tolist() == [0, 0, 0, 1]
 
 
 def test_no_condition_and_the_same_twice() -> None:
-    assert (both([]), either([])) == (Constant(True), Constant(False))
-    assert both([parse("x > 0"), parse("x > 0")]) == parse("x > 0")
+    assert (all_of([]), any_of([])) == (Constant(True), Constant(False))
+    assert all_of([parse("x > 0"), parse("x > 0")]) == parse("x > 0")

@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from merap.program.expressions import (
+    TRUE,
     Column,
     Constant,
     Expression,
@@ -21,7 +22,6 @@ from merap.program.expressions import (
     parse,
 )
 from merap.program.form import (
-    TRUE,
     Command,
     Draw,
     InitialValues,

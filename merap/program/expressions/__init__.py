@@ -4,6 +4,18 @@ Variables are those of the state and, with a prime, of the successor (`light'`);
 `fold`. Numbers are exact fractions.
 """
 
+from merap.program.expressions.building import (
+    FALSE,
+    ONE,
+    TRUE,
+    ZERO,
+    all_of,
+    any_of,
+    negation,
+    none_of,
+    number,
+    product_of,
+)
 from merap.program.expressions.columns import (
     Column,
     Columns,
@@ -42,7 +54,11 @@ from merap.program.expressions.values import (
 
 __all__ = [
     "ARITIES",
+    "FALSE",
     "IN",
+    "ONE",
+    "TRUE",
+    "ZERO",
     "Column",
     "Columns",
     "Combinations",
@@ -58,14 +74,20 @@ __all__ = [
     "Table",
     "Value",
     "Variable",
+    "all_of",
+    "any_of",
     "check",
     "evaluate",
     "evaluate_where_defined",
     "evaluate_whole",
     "exact",
     "fold",
+    "negation",
+    "none_of",
+    "number",
     "parse",
     "parts",
+    "product_of",
     "render",
     "render_constant",
     "substitute",
