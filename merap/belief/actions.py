@@ -175,7 +175,7 @@ def _mode_rows(capability: Capability, name: str, num_modes: int) -> Floats:
         return rows
     for action in innate.actions:
         if action.name == name:
-            for mode, row in action.transitions.items():
+            for mode, row in action.chances.items():
                 rows[mode, list(row)] = [float(probability) for probability in row.values()]
     if innate.restart and name == innate.start_action:
         rows[sorted(innate.terminal), innate.entry] = 1.0

@@ -22,7 +22,7 @@ from merap.concerns.combination import Capability, DeclaredCombination
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate
 from merap.errors import InputError
-from merap.program.expressions import Constant, Expression, Operation
+from merap.program.expressions import Constant, Expression, Operation, number
 
 ALL_OUTCOMES = "all outcomes"
 ONE = Fraction(1)
@@ -156,11 +156,12 @@ def _innate(innate: Innate, factor: Fraction) -> Innate:
     actions = []
     for action in innate.actions:
         rows = {}
-        for mode, row in action.transitions.items():
+        for mode, row in action.chances.items():
             intended = max(row, key=lambda target: row[target])
             total = 1 + (factor - 1) * row[intended]
             rows[mode] = {
-                target: (factor if target == intended else 1) * share / total for target, share in row.items()
+                target: number((factor if target == intended else 1) * share / total)
+                for target, share in row.items()
             }
         actions.append(replace(action, transitions=rows))
     return replace(innate, actions=tuple(actions))

@@ -235,7 +235,7 @@ def _dynamics(capability: Capability) -> tuple[object, ...]:
     rows = tuple(
         (action.name, mode, target, share)
         for action in innate.actions
-        for mode, row in action.transitions.items()
+        for mode, row in action.chances.items()
         for target, share in row.items()
     )
     return capability.external, innate.entry, innate.initial, innate.terminal, innate.restart, rows

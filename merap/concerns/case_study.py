@@ -262,7 +262,7 @@ def load_case(path: str | PathLike[str]) -> DeclaredCase:
     resolvers = make_resolvers(context, spec)
     supports = make_supports(context, spec, resolvers)
     check_pair = DistributionCheck(context)
-    closing = Closing(str(file), foreign_names(resolvers.names_read()))
+    closing = Closing(document, foreign_names(resolvers.names_read()))
     check_at_load(supports, closing, check_pair)
     read_system = DeclaredSystemReader(
         context=context,

@@ -9,14 +9,15 @@ Axes: P locations, L edge labels, Q modes.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from merap.concerns.composition import compose
+from merap.concerns.document import KeyPath
 from merap.concerns.external_action import ExternalAction
 from merap.concerns.innate import Innate
 from merap.concerns.processes import DeclaredProcess
@@ -24,9 +25,11 @@ from merap.concerns.space import Attribute, Space, passable
 from merap.mdp.model import Bools, Floats
 from merap.mdp.reserved_names import END_ACTION
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import Constants, Expression
+from merap.program.expressions import FALSE, TRUE, ZERO, Constants, Expression
 from merap.program.form import Program
 
+# Changes an expression, given where the case file has it.
+Change: TypeAlias = Callable[[KeyPath, Expression], Expression]
 # How an episode after the first begins: at a start, after the way back there, or where the last one ended.
 ResetMode = Literal["episodes", "return_to_start", "none"]
 
@@ -81,6 +84,14 @@ class Environment(Configuration):
     processes: tuple[DeclaredProcess, ...] = ()
     locked: frozenset[str] = frozenset()
 
+    def mapped(self, change: Change) -> Environment:
+        """Return the environment with every expression changed."""
+        return replace(self, processes=_mapped(self.processes, change))
+
+
+def _mapped(processes: Iterable[DeclaredProcess], change: Change) -> tuple[DeclaredProcess, ...]:
+    return tuple(one.mapped(partial(change, one.path)) for one in processes)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Capability(Configuration):
@@ -110,31 +121,45 @@ class Capability(Configuration):
             mask[[mode for mode in range(num_modes) if mode not in self.innate.terminal]] = False
         return mask
 
+    def mapped(self, change: Change) -> Capability:
+        """Return the capability with every expression changed; it lacks what can never be enabled then."""
+        external = (one.mapped(partial(change, ("capability", "actions", one.name))) for one in self.external)
+        innate = self.innate and self.innate.mapped(change)
+        return replace(
+            self,
+            external=tuple(_possible(external)),
+            innate=None if innate is None or innate.requires == FALSE else innate,
+            processes=_mapped(self.processes, change),
+        )
+
+
+def _possible(actions: Iterable[ExternalAction]) -> Iterator[ExternalAction]:
+    """Leave out actions that are never enabled, and outcomes of probability 0.
+
+    The first outcome says what is intended, so it stays even if it is impossible.
+    """
+    for action in actions:
+        if action.requires != FALSE:
+            likely = (one for one in action.outcomes[1:] if one.probability != ZERO)
+            yield replace(action, outcomes=(action.outcomes[0], *likely))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Condition(ShortRepr):
-    """A predicate over a step (s, a, s'); what is None holds everywhere.
+    """A predicate over a step (s, a, s').
 
     Attributes:
-        at: bool [P], source location.
-        modes: bool [Q], source mode.
-        actions: names.
-        to: bool [P], successor location.
-        to_modes: bool [Q], successor mode.
-        where: boolean expression over attributes and mode, primed for the successor.
+        actions: names; None: any.
+        where: condition on the state and, primed, the successor.
     """
 
-    at: Bools | None = None
-    modes: Bools | None = None
     actions: frozenset[str] | None = None
-    to: Bools | None = None
-    to_modes: Bools | None = None
-    where: Expression | None = None
+    where: Expression = TRUE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RewardRule(ShortRepr):
-    """`value` (over attributes and mode) is earned where `condition` is the first to hold."""
+    """`value`, over state and, primed, successor, is earned where `condition` is the first to hold."""
 
     condition: Condition
     value: Expression
@@ -149,20 +174,46 @@ class DeclaredObjective(Objective):
         goal: states labelled `goal`; None: there is no goal.
         rules: first match wins, no match earns 0.
         ends_after: a step that completes the task (source and action); None: no such step.
-        ends_in: states (location and mode) that are complete; None: none.
-        unsafe: states (location, mode, attributes) to avoid; None: none.
+        ends_in: states that are complete; None: none.
+        unsafe: states to avoid; None: none.
         processes: of the objective, in declared order: they watch, and draw nothing.
         labels: name -> states, beside `goal` and `unsafe`.
     """
 
     start: Floats
-    goal: Condition | None
+    goal: Expression | None
     rules: tuple[RewardRule, ...]
     ends_after: Condition | None
-    ends_in: Condition | None
-    unsafe: Condition | None
+    ends_in: Expression | None
+    unsafe: Expression | None
     processes: tuple[DeclaredProcess, ...] = ()
     labels: Mapping[str, Expression] = field(default_factory=dict)
+
+    def mapped(self, change: Change) -> DeclaredObjective:
+        """Return the objective with every expression changed."""
+
+        def states(key: str, where: Expression | None) -> Expression | None:
+            return None if where is None else change(("objective", key), where)
+
+        def steps(path: KeyPath, condition: Condition) -> Condition:
+            return replace(condition, where=change(path, condition.where))
+
+        return replace(
+            self,
+            goal=states("goal", self.goal),
+            rules=tuple(
+                RewardRule(
+                    steps(("objective", "rewards", place), rule.condition),
+                    change(("objective", "rewards", place, "value"), rule.value),
+                )
+                for place, rule in enumerate(self.rules)
+            ),
+            ends_after=self.ends_after and steps(("objective", "ends_after"), self.ends_after),
+            ends_in=states("ends_in", self.ends_in),
+            unsafe=states("unsafe", self.unsafe),
+            processes=_mapped(self.processes, change),
+            labels={name: change(("objective", "labels", name), one) for name, one in self.labels.items()},
+        )
 
     def same_episodes(self, other: Objective) -> bool:
         """Return whether episodes begin alike and last as long."""

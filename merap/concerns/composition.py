@@ -64,10 +64,8 @@ def compose(combination: DeclaredCombination) -> Program:
     complete = _complete(combination, tables)
     objective = combination.objective
     labels = {COMPLETE_LABEL: complete, GOAL_LABEL: FALSE}
-    for name, condition in ((GOAL_LABEL, objective.goal), (UNSAFE_LABEL, objective.unsafe)):
-        if condition is not None:
-            labels[name] = tables.holds(condition)
-    labels |= {name: tables.read(where) for name, where in objective.labels.items()}
+    declared = {GOAL_LABEL: objective.goal, UNSAFE_LABEL: objective.unsafe, **objective.labels}
+    labels |= {name: tables.read(where) for name, where in declared.items() if where is not None}
     processes = combination.processes
     taken = {*combination.actions, *(one.name for one in processes)}
     taken |= {variable.name for one in processes for variable in one.variables}
@@ -181,7 +179,7 @@ def _outcome(outcome: Outcome, intended: int | None, tables: LocationTables) -> 
 
 def _capability(combination: DeclaredCombination, tables: LocationTables) -> Process:
     capability, modes = combination.capability, combination.modes
-    terminal = mode_in(capability.terminal(len(modes)))
+    terminal = mode_in(np.flatnonzero(capability.terminal(len(modes))).tolist(), len(modes))
     commands = [
         _command(action.name, all_of([terminal, tables.read(action.requires)]))
         for action in capability.external
@@ -204,8 +202,8 @@ def _capability(combination: DeclaredCombination, tables: LocationTables) -> Pro
 
 
 def _innate(action: InnateAction, requires: Expression) -> Iterator[Command]:
-    for mode, row in action.transitions.items():
-        outcomes = [_to_mode(Constant(chance), successor) for successor, chance in row.items() if chance]
+    for mode, row in action.chances.items():
+        outcomes = [_to_mode(Constant(chance), successor) for successor, chance in row.items()]
         yield _command(action.name, all_of([is_mode(mode), requires]), *outcomes)
 
 
@@ -229,7 +227,7 @@ def _actions(combination: DeclaredCombination) -> list[str]:
 def _complete(combination: DeclaredCombination, tables: LocationTables) -> Expression:
     flag = Variable(FLAG_VARIABLE, 0)
     ends_in = combination.objective.ends_in
-    return flag if ends_in is None else any_of([flag, tables.holds(ends_in)])
+    return flag if ends_in is None else any_of([flag, tables.read(ends_in)])
 
 
 def _objective(combination: DeclaredCombination, tables: LocationTables, complete: Expression) -> Process:
@@ -251,7 +249,7 @@ def _objective(combination: DeclaredCombination, tables: LocationTables, complet
 def _flagged(ends_after: Condition | None, action: str, tables: LocationTables) -> list[Update]:
     if ends_after is None or (ends_after.actions is not None and action not in ends_after.actions):
         return []
-    return [Update(ONE, {FLAG_VARIABLE: tables.holds(ends_after)})]
+    return [Update(ONE, {FLAG_VARIABLE: tables.read(ends_after.where)})]
 
 
 def _rules(combination: DeclaredCombination, tables: LocationTables) -> Iterator[RewardItem]:
@@ -260,4 +258,4 @@ def _rules(combination: DeclaredCombination, tables: LocationTables) -> Iterator
     for rule in combination.objective.rules:
         actions = known if rule.condition.actions is None else known & rule.condition.actions
         if actions:
-            yield RewardItem(tables.read(rule.value), tables.holds(rule.condition), actions)
+            yield RewardItem(tables.read(rule.value), tables.read(rule.condition.where), actions)

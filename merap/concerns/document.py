@@ -68,6 +68,14 @@ class Document:
                 raise
             raise self.error(path, error.message) from error
 
+    @contextmanager
+    def told(self, path: KeyPath, whose: str) -> Iterator[None]:
+        """Give errors raised inside the place `path`, and say of which configurations they are."""
+        try:
+            yield
+        except InputError as error:
+            raise self.error(path, f"{error.message} ({whose})") from error
+
     def line_of(self, path: KeyPath) -> tuple[int, int]:
         """(which file, line) of `path`, to sort by position."""
         if path and path[0] in self.mounts:

@@ -8,7 +8,7 @@ Axes: P locations, Q modes, B steps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +36,7 @@ from merap.program.expressions import (
 )
 
 if TYPE_CHECKING:
-    from merap.concerns.combination import Condition, DeclaredCombination
+    from merap.concerns.combination import DeclaredCombination
 
 HERE, ROW, COL = "@", "@row", "@col"
 THERE = f"{HERE}'"
@@ -55,15 +55,15 @@ class LocationTables:
         self._passable = combination.passable
         self._tables: dict[tuple[str, bytes], Table] = {}
         self._successors: dict[int, dict[str, Expression]] = {}
-        self._here, self._there = self._index(""), self._index("'")
-        here: dict[str, Expression] = {HERE: self._here, THERE: self._there}
+        self._here, there = self._index(""), self._index("'")
+        here: dict[str, Expression] = {HERE: self._here, THERE: there}
         if self._space.shape is not None:
             here |= {name: Variable(name.removeprefix(HERE), 0) for name in (ROW, COL, f"{ROW}'", f"{COL}'")}
         for attribute in combination.environment.attributes:
             table = Table(attribute.name, attribute.column)
             here |= {
                 attribute.name: Lookup(table, self._here),
-                f"{attribute.name}'": Lookup(table, self._there),
+                f"{attribute.name}'": Lookup(table, there),
             }
         self._meanings = here
 
@@ -114,7 +114,7 @@ class LocationTables:
         for door in self._space.doors:
             in_the_way = door.edges[:, move] & self._passable[:, move]
             if in_the_way.any():
-                conditions.append(any_of([negation(self.within(in_the_way)), Variable(door.name, 0)]))
+                conditions.append(any_of([negation(self._within(in_the_way)), Variable(door.name, 0)]))
         return conditions
 
     def _through(self, move: int, there: Expression, here: Expression) -> Expression:
@@ -169,24 +169,9 @@ class LocationTables:
         key = name, column.codes.tobytes()
         return self._tables.setdefault(key, Table(name, column, step))
 
-    def within(self, mask: Bools, *, after: bool = False) -> Expression:
-        """Return whether the location, or that of the successor, is in a mask (bool [P])."""
-        return Lookup(self._table("", Column.of(mask)), self._there if after else self._here)
-
-    def holds(self, condition: Condition) -> Expression:
-        """Return a condition on a step without its actions."""
-        terms: list[Expression] = []
-        if condition.at is not None:
-            terms.append(self.within(condition.at))
-        if condition.modes is not None:
-            terms.append(mode_in(condition.modes))
-        if condition.to is not None:
-            terms.append(self.within(condition.to, after=True))
-        if condition.to_modes is not None:
-            terms.append(mode_in(condition.to_modes, MODE_VARIABLE + "'"))
-        if condition.where is not None:
-            terms.append(self.read(condition.where))
-        return all_of(terms)
+    def _within(self, mask: Bools) -> Expression:
+        """Return whether the location is in a mask (bool [P])."""
+        return Lookup(self._table("", Column.of(mask)), self._here)
 
 
 def is_mode(mode: int, name: str = MODE_VARIABLE) -> Expression:
@@ -194,9 +179,9 @@ def is_mode(mode: int, name: str = MODE_VARIABLE) -> Expression:
     return Operation("=", (Variable(name, 0), number(mode)))
 
 
-def mode_in(modes: Bools, name: str = MODE_VARIABLE) -> Expression:
-    """Return membership in a set of modes (bool [Q])."""
-    return TRUE if modes.all() else any_of(is_mode(mode, name) for mode in np.flatnonzero(modes).tolist())
+def mode_in(modes: Collection[int], count: int, name: str = MODE_VARIABLE) -> Expression:
+    """Return membership in a set of modes, of which there are so many in all."""
+    return TRUE if len(set(modes)) == count else any_of(is_mode(mode, name) for mode in sorted(modes))
 
 
 def location_scope(space: Space, here: Ints, there: Ints) -> dict[str, Column]:

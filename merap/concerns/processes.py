@@ -12,6 +12,7 @@ from fractions import Fraction
 from itertools import product
 from typing import TypeAlias
 
+from merap.concerns.document import KeyPath
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import (
@@ -75,6 +76,7 @@ class DeclaredProcess(ShortRepr):
         variables: its own.
         initial: a distribution over their joint initial values.
         changes: the first that matches counts; without a match nothing changes.
+        path: where the case file declares it.
     """
 
     name: str
@@ -82,6 +84,7 @@ class DeclaredProcess(ShortRepr):
     variables: tuple[StateVariable, ...]
     initial: tuple[InitialValues, ...]
     changes: tuple[Change, ...]
+    path: KeyPath = ()
 
     def mapped(self, change: Callable[[Expression], Expression]) -> DeclaredProcess:
         """Return the process with every expression changed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,20 +106,15 @@ class ResolutionContext(ShortRepr):
             check(expression, names.kinds, expected)
             return expression
 
-    def mode_mask(self, path: KeyPath, names: tuple[str, ...] | None) -> Bools | None:
-        """bool [Q], the modes called so; None for None.
+    def mode(self, path: KeyPath, name: str) -> int:
+        """Return the number of a mode.
 
         Raises:
             InputError: the case has no such mode.
         """
-        if names is None:
-            return None
-        mask = np.zeros(len(self.modes), dtype=np.bool_)
-        for name in names:
-            if name not in self.modes:
-                raise self.document.error(path, f"unknown mode {name!r}{suggestion(name, self.modes)}")
-            mask[self.modes.index(name)] = True
-        return frozen(mask)
+        if name not in self.modes:
+            raise self.document.error(path, f"unknown mode {name!r}{suggestion(name, self.modes)}")
+        return self.modes.index(name)
 
     def mask(self, indices: tuple[int, ...]) -> Bools:
         """bool [P], true at `indices`."""
@@ -179,13 +174,3 @@ def names_in(expressions: list[Expression]) -> set[str]:
     """Return the names of the variables in some expressions, without primes."""
     read = (variable for expression in expressions for variable in variables(expression))
     return {variable.name.removesuffix("'") for variable in read}
-
-
-def noting(found: list[Expression]) -> Callable[[Expression], Expression]:
-    """Return a function that adds what it is given to a list and returns it."""
-
-    def note(expression: Expression) -> Expression:
-        found.append(expression)
-        return expression
-
-    return note

@@ -13,7 +13,7 @@ from merap.concerns.resolution_context import ResolutionContext, as_expression
 from merap.concerns.schema_objective import EndSpec, PredicateSpec, RewardSpec, Successor
 from merap.errors import InputError
 from merap.mdp.reserved_names import MODE_VARIABLE
-from merap.program.expressions import TRUE, Expression, Operation, Variable, all_of
+from merap.program.expressions import Expression, Operation, Variable, all_of
 from merap.program.names import suggestion
 
 PRIME = "'"
@@ -37,16 +37,15 @@ def resolve_condition(
     if spec.at is not None:
         with context.document.at(*path, "at"):
             terms.append(names.located(spec.at))
-    modes = context.mode_mask((*path, "mode"), spec.mode)
-    if modes is not None:
-        terms.append(mode_in(modes))
+    if spec.mode is not None:
+        modes = [context.mode((*path, "mode"), name) for name in spec.mode]
+        terms.append(mode_in(modes, len(context.modes)))
     if isinstance(spec, RewardSpec):
         terms += _successor(context, path, spec, names)
     if spec.where is not None:
         terms.append(context.compile((*path, "where"), spec.where, names, "bool"))
     actions = _actions(context, (*path, "action"), spec.action) if isinstance(spec, EndSpec) else None
-    where = all_of(terms)
-    return Condition(actions=actions, where=None if where == TRUE else where)
+    return Condition(actions, all_of(terms))
 
 
 def _successor(
@@ -63,11 +62,11 @@ def _successor(
             near = suggestion(name, ["at", *known])
             raise context.document.error(place, f"unknown variable {name!r}{near}")
         with context.document.at(*place):
-            reached = Operation("=", (Variable(f"{name}{PRIME}", 1), as_expression(value)))
-        yield context.compile(place, reached, names, "bool")
-    modes = context.mode_mask((*path, "to_mode"), spec.to_mode)
-    if modes is not None:
-        yield mode_in(modes, MODE_VARIABLE + PRIME)
+            becomes = Operation("=", (Variable(f"{name}{PRIME}", 1), as_expression(value)))
+        yield context.compile(place, becomes, names, "bool")
+    if spec.to_mode is not None:
+        modes = [context.mode((*path, "to_mode"), name) for name in spec.to_mode]
+        yield mode_in(modes, len(context.modes), MODE_VARIABLE + PRIME)
 
 
 def _actions(
@@ -106,8 +105,8 @@ class Labels(Mapping[str, Expression]):
         if quoted not in self._resolved:
             self._resolved[quoted] = None
             context = replace(self.context, labels=self)
-            condition = resolve_condition(context, path, spec, context.names("objective"))
-            self._resolved[quoted] = condition.where or TRUE
+            names = context.names("objective")
+            self._resolved[quoted] = resolve_condition(context, path, spec, names).where
         found = self._resolved[quoted]
         if found is None:
             raise InputError(f"the label {quoted} is defined by itself")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 
+from merap.concerns.closing import names_in_part, with_values
 from merap.concerns.combination import Environment
 from merap.concerns.parameters import (
     Edge,
@@ -20,8 +21,8 @@ from merap.concerns.parameters import (
     present_all,
 )
 from merap.concerns.reachability import leaves_goals_reachable
-from merap.concerns.resolution_context import ResolutionContext, frozen, names_in
-from merap.concerns.resolve_processes import ProcessResolver, process_entries
+from merap.concerns.resolution_context import ResolutionContext, frozen
+from merap.concerns.resolve_processes import process_entries, resolve_processes
 from merap.concerns.resolve_space import apply_settings
 from merap.concerns.schema import CaseSpec, EnvironmentSpec
 from merap.concerns.schema_base import Box
@@ -49,12 +50,13 @@ class EnvironmentResolver(ShortRepr):
         return self.case.environment
 
     @cached_property
-    def processes(self) -> ProcessResolver:
-        """Resolves its processes."""
-        return ProcessResolver(self.context, process_entries(self.case, "environment"))
+    def template(self) -> Environment:
+        """What the file says of the environment, its parameters without values."""
+        processes = resolve_processes(self.context, process_entries(self.case, "environment"))
+        return Environment("", {}, self.context.mask(()), self._no_edges, (), processes)
 
     def __post_init__(self) -> None:
-        assert self.processes is not None  # what is wrong with them is found here
+        assert self.template is not None  # what is wrong with it is found here
         known = [attribute.name for attribute in self.context.space.attributes]
         for name in self.spec.attributes:
             if name not in known:
@@ -70,7 +72,8 @@ class EnvironmentResolver(ShortRepr):
             InputError: a value that a parameter puts into an attribute is not allowed.
         """
         known = constants("environment", self.spec.parameters, values, self.context.space)
-        return Environment(
+        found = replace(
+            self.template,
             name=name,
             parameters=present_all(self.spec.parameters, values, self.context.space),
             known=known,
@@ -78,8 +81,8 @@ class EnvironmentResolver(ShortRepr):
             blocked_edges=self._blocked_edges(values),
             locked=frozenset(door.name for door in self._locked(values)),
             attributes=self._attributes(values),
-            processes=self.processes(name, known),
         )
+        return with_values(self.context.document, found, known, f"environment {name}")
 
     def _blocked_edges(self, values: Values) -> Bools:
         edges: tuple[Edge, ...] = values.get(BLOCKED_EDGES, ())  # type: ignore[assignment]
@@ -132,7 +135,7 @@ class EnvironmentResolver(ShortRepr):
     def names_read(self) -> set[str]:
         """Return the resolved names of the parameters that attributes and processes read."""
         own = {parameter_name("environment", name) for name in self._settings_read()}
-        return own | names_in(self.processes.expressions)
+        return own | names_in_part(self.template)
 
     def _settings_read(self) -> set[str]:
         """Return the parameters that the attributes read."""

@@ -9,17 +9,13 @@ from itertools import product
 
 from merap.concerns.document import KeyPath
 from merap.concerns.processes import DeclaredProcess
-from merap.concerns.resolution_context import ResolutionContext, noting
+from merap.concerns.resolution_context import ResolutionContext
 from merap.concerns.resolve_changes import ChangeReader
 from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_processes import ProcessSpec, VariableSpec
-from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import (
     ZERO,
-    Constants,
-    Expression,
-    fold,
     number,
     product_of,
 )
@@ -73,67 +69,36 @@ def _variable(name: str, spec: VariableSpec) -> StateVariable:
     return StateVariable(name, ZERO, number(len(spec.values) - 1), "named", spec.values)
 
 
-class ProcessResolver:
-    """Makes the processes of a concern from values of its parameters.
-
-    Args:
-        context: what the case has in common.
-        entries: all of one concern.
+def resolve_processes(
+    context: ResolutionContext, entries: Sequence[ProcessEntry]
+) -> tuple[DeclaredProcess, ...]:
+    """Return the processes of a concern, open in the parameters that they read.
 
     Raises:
         InputError: an expression is wrong, or an action or variable unknown.
     """
+    return tuple(_resolved(context, entry) for entry in entries)
 
-    def __init__(self, context: ResolutionContext, entries: Sequence[ProcessEntry]) -> None:
-        self._context, self._entries = context, entries
-        self._templates = [self._template(entry) for entry in entries]
 
-    def _template(self, entry: ProcessEntry) -> DeclaredProcess:
-        reader, own = ChangeReader(self._context, entry.concern), entry.variables
-        changes = []
-        for index, change in enumerate(entry.spec.changes):
-            place = (*entry.path, "changes", index)
-            actions = reader.actions((*place, "action"), change.action)
-            changes.append(reader.change(place, change, own, actions))
-            if entry.concern == "objective" and len(changes[-1].outcomes) > 1:
-                raise self._context.document.error(
-                    (*place, "set"), "a process of the objective watches: it can't draw, give one value"
-                )
-        return DeclaredProcess(
-            entry.name, entry.concern, tuple(own.values()), _initial(reader, entry), tuple(changes)
-        )
-
-    @property
-    def expressions(self) -> list[Expression]:
-        """Every expression."""
-        found: list[Expression] = []
-        for template in self._templates:
-            template.mapped(noting(found))
-        return found
-
-    def __call__(self, name: str, known: Constants) -> tuple[DeclaredProcess, ...]:
-        """Return the processes of a configuration.
-
-        Args:
-            name: of the configuration.
-            known: values of parameters, by their resolved names.
-
-        Raises:
-            InputError: an expression is undefined, or an initial value or distribution not allowed.
-        """
-        pairs = zip(self._entries, self._templates, strict=True)
-        return tuple(self._closed(entry, template, name, known) for entry, template in pairs)
-
-    def _closed(
-        self, entry: ProcessEntry, template: DeclaredProcess, name: str, known: Constants
-    ) -> DeclaredProcess:
-        try:
-            process = template.mapped(lambda expression: fold(expression, known))
-            process.check_start()
-        except InputError as error:
-            message = f"{error.message} ({entry.concern} {name})"
-            raise self._context.document.error(entry.path, message) from error
-        return process
+def _resolved(context: ResolutionContext, entry: ProcessEntry) -> DeclaredProcess:
+    reader, own = ChangeReader(context, entry.concern), entry.variables
+    changes = []
+    for index, change in enumerate(entry.spec.changes):
+        place = (*entry.path, "changes", index)
+        actions = reader.actions((*place, "action"), change.action)
+        changes.append(reader.change(place, change, own, actions))
+        if entry.concern == "objective" and len(changes[-1].outcomes) > 1:
+            raise context.document.error(
+                (*place, "set"), "a process of the objective watches: it can't draw, give one value"
+            )
+    return DeclaredProcess(
+        entry.name,
+        entry.concern,
+        tuple(own.values()),
+        _initial(reader, entry),
+        tuple(changes),
+        entry.path,
+    )
 
 
 def _initial(reader: ChangeReader, entry: ProcessEntry) -> tuple[InitialValues, ...]:

@@ -61,20 +61,10 @@ class Steps:
     def holds(self, condition: Condition) -> Bools:
         """bool [B]."""
         mask = np.ones(len(self.here), dtype=np.bool_)
-        for allowed, index in (
-            (condition.at, self.here),
-            (condition.modes, self.mode),
-            (condition.to, self.there),
-            (condition.to_modes, self.mode_there),
-        ):
-            if allowed is not None:
-                mask &= allowed[index]
         if condition.actions is not None:
-            mask &= np.array([name in condition.actions for name in self.combination.action_names])[
-                self.action
-            ]
-        if condition.where is not None:
-            mask[mask] = self._evaluated(condition.where, mask)
+            names = self.combination.action_names
+            mask = np.array([name in condition.actions for name in names])[self.action]
+        mask[mask] = self._evaluated(condition.where, mask)
         return mask
 
     def rewards(self) -> Floats:
@@ -93,28 +83,23 @@ class Steps:
         return evaluate(expression, {name: self.scope[name][mask] for name in read})
 
 
-def holds_in_states(combination: DeclaredCombination, condition: Condition) -> Bools:
-    """bool [P * Q]: where a condition on location, mode and attributes holds."""
+def holds_in_states(combination: DeclaredCombination, where: Expression) -> Bools:
+    """bool [P * Q]: where a condition on states holds."""
     states = np.arange(combination.space.num_locations * len(combination.modes))
-    return Steps(combination, states, np.zeros_like(states), states).holds(condition)
+    return Steps(combination, states, np.zeros_like(states), states).holds(Condition(where=where))
 
 
 def goal_locations(combination: DeclaredCombination) -> Bools:
     """bool [P], where the goal is, whatever else the state is; nowhere if it is not about locations alone."""
     goal, count = combination.objective.goal, combination.space.num_locations
-    nowhere = np.zeros(count, dtype=np.bool_)
-    if goal is None or goal.modes is not None or not combination.space.located:
+    nowhere, here = np.zeros(count, dtype=np.bool_), np.arange(count)
+    if goal is None or not combination.space.located:
         return nowhere
-    mask = np.ones(count, dtype=np.bool_) if goal.at is None else goal.at
-    if goal.where is None:
-        return mask
-    here = np.arange(count)
-    scope = scope_of(combination, here, nowhere.astype(np.int64), here, nowhere.astype(np.int64))
+    scope = scope_of(combination, here, here, here, here)
     scope.pop(MODE_VARIABLE)
-    if any(variable.name not in scope for variable in variables(goal.where)):
+    if any(variable.name not in scope for variable in variables(goal)):
         return nowhere
-    found: Bools = mask & evaluate(goal.where, scope)
-    return found
+    return np.broadcast_to(evaluate(goal, scope), count)
 
 
 def scope_of(

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from merap.concerns.combination import Condition, DeclaredCombination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Attribute, Detector
 from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
@@ -78,17 +78,15 @@ class Hazards:
 
 def _telling(combination: DeclaredCombination) -> list[Detector]:
     """The detectors of attributes that `unsafe` reads."""
-    condition = combination.objective.unsafe
-    if condition is None or condition.where is None:
-        return []
-    read = {variable.name for variable in variables(condition.where)}
+    unsafe = combination.objective.unsafe
+    read = set() if unsafe is None else {variable.name for variable in variables(unsafe)}
     return [detector for detector in combination.space.detectors if detector.of in read]
 
 
 def _unsafe_if(combination: DeclaredCombination, attribute: str, places: Ints, values: Floats) -> Bools:
     """bool [places]: the location is unsafe, in some mode, if its attribute has the value read."""
-    condition = combination.objective.unsafe
-    assert isinstance(condition, Condition)
+    unsafe = combination.objective.unsafe
+    assert unsafe is not None
 
     def read(one: Attribute) -> Attribute:
         changed = one.values.copy()
@@ -101,6 +99,6 @@ def _unsafe_if(combination: DeclaredCombination, attribute: str, places: Ints, v
             read(one) if one.name == attribute else one for one in combination.environment.attributes
         ),
     )
-    states = holds_in_states(replace(combination, environment=environment), condition)
+    states = holds_in_states(replace(combination, environment=environment), unsafe)
     anywhere = np.asarray(states.reshape(combination.space.num_locations, -1).any(axis=1))
     return anywhere[places]

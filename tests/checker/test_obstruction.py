@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from merap.checker.obstruction import obstruction
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Combination
 from merap.concerns.external_action import ExternalAction, Outcome
 from tests.support.hand_made import (
+    at,
     cells,
     graph_combination,
     grid_combination,
@@ -59,7 +60,7 @@ def test_a_long_list_is_shortened() -> None:
 
 
 def only_goal_at(location: int, combination: Combination) -> Combination:
-    goal = Condition(at=np.arange(4) == location)
+    goal = at(np.arange(4) == location)
     return with_objective(combination, goal=goal, start=np.array([1.0, 0.0, 0.0, 0.0]))
 
 

@@ -13,6 +13,7 @@ from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination, Condition
 from merap.errors import InputError
 from tests.support.hand_made import (
+    at,
     cells,
     graph_combination,
     grid_combination,
@@ -185,7 +186,7 @@ def without_goal(combination: Combination) -> Combination:
 def test_without_a_goal_the_defaults_are_about_the_end_of_the_task() -> None:
     graph = without_goal(graph_combination())
     ending = with_objective(
-        graph, ends_in=None, ends_after=Condition(at=np.array([False, False, False, True]))
+        graph, ends_in=None, ends_after=Condition(where=at(np.array([False, False, False, True])))
     )
     found = verdicts(ending)
     assert list(found) == ["complete", "complete_within_horizon", "reward"]

@@ -19,6 +19,7 @@ from merap.program.arrays import tabular
 from merap.program.exploration import explore
 from merap.program.expressions import Constant
 from tests.support.hand_made import (
+    at,
     cells,
     graph_combination,
     grid_combination,
@@ -211,9 +212,7 @@ def test_a_complete_state_has_the_action_end_alone() -> None:
 
 
 def test_an_initial_state_can_be_complete() -> None:
-    combination = with_objective(
-        graph_combination(), ends_in=Condition(at=np.array([True, True, False, False]))
-    )
+    combination = with_objective(graph_combination(), ends_in=at(np.array([True, True, False, False])))
     mdp = explored(combination)
     assert mdp.valuations.tolist() == [[S, IDLE, 0], [A, IDLE, 0]]
     assert mdp.labels["done"].all()
@@ -225,7 +224,7 @@ def test_labels_speak_of_location_mode_and_attributes() -> None:
     location, mode = mdp.valuations[:, 0], mdp.valuations[:, 1]
     assert np.array_equal(mdp.labels["goal"], location == G)
     assert np.array_equal(mdp.labels["unsafe"], location == B)
-    unsafe = Condition(modes=np.array([False, True, False]), where=parsed("light > 2 & mode = 1"))
+    unsafe = parsed("light > 2 & mode = 1")
     mdp = explored(with_objective(graph_combination(), unsafe=unsafe))
     assert np.array_equal(mdp.labels["unsafe"], (location == S) & (mode == SCANNING))
     assert "unsafe" not in explored(with_objective(graph_combination(), unsafe=None)).labels
@@ -259,7 +258,7 @@ def test_a_dead_end_that_is_complete_or_out_of_reach_is_allowed() -> None:
     graph = graph_combination()
     only_back = with_capability(graph, external=(graph.capability.external[2],), innate=None)
     at_start = np.array([True, False, False, False])
-    mdp = explored(with_objective(only_back, ends_in=Condition(at=at_start)))
+    mdp = explored(with_objective(only_back, ends_in=at(at_start)))
     assert enabled_in(mdp, S, IDLE, 0) == {"end"}
     west = graph.space.target.copy()
     west[A, 1] = A

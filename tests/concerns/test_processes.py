@@ -25,10 +25,10 @@ from merap.mdp.planning import optimum
 from merap.prism.rendering import render
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
-from merap.program.expressions import Constant, parse
+from merap.program.expressions import TRUE, Constant, parse
 from merap.program.form import ConcernName, InitialValues, Update, integer
 from tests.support.declared_processes import enabled, successors
-from tests.support.hand_made import graph_combination, number, parsed, with_capability, with_objective
+from tests.support.hand_made import at, graph_combination, number, parsed, with_capability, with_objective
 from tests.support.programs import outcome, start
 
 
@@ -155,8 +155,8 @@ def test_rewards_and_ends_read_processes() -> None:
     combination = with_objective(
         two_starts(LIT, CHARGE),
         rules=rules,
-        ends_in=Condition(where=parsed("charge = 0")),
-        unsafe=Condition(where=parsed("charge < 2")),
+        ends_in=parsed("charge = 0"),
+        unsafe=parsed("charge < 2"),
     )
     require_agreement(combination)
     mdp = explored(combination)
@@ -166,7 +166,7 @@ def test_rewards_and_ends_read_processes() -> None:
 def test_arrays_over_locations_and_modes_refuse_processes() -> None:
     for combination in (two_starts(LIT), two_starts(requires="mode = 0")):
         with pytest.raises(InputError, match="know nothing but locations and modes so far"):
-            holds_in_states(combination, Condition())
+            holds_in_states(combination, TRUE)
 
 
 def test_several_initial_values_have_their_weights() -> None:
@@ -224,7 +224,7 @@ def web_service(up: str, down: str, boot: str, w_time: str) -> Combination:
         ),
         capability=replace(graph.capability, no_entry=free, external=external, innate=None),
         objective=replace(
-            graph.objective, start=np.ones(1), goal=Condition(at=free),
+            graph.objective, start=np.ones(1), goal=at(free),
             rules=(RewardRule(Condition(), value),),
             ends_in=None, ends_after=None, unsafe=None,
         ),

@@ -143,7 +143,7 @@ def test_the_innate_automaton(graph: CaseStudy) -> None:
     assert innate.restart
     assert innate.start_action == "start_scan"
     (measure,) = innate.actions
-    assert measure.transitions == {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}
+    assert measure.chances == {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_a_probability_of_zero_is_no_transition(tmp_path: Path) -> None:
     case = load_case(write_case(tmp_path, replaced(GRAPH, "slow: {grip: 0.9,", "slow: {grip: 1,")))
     innate = case.supports.capability[0].innate
     assert innate is not None
-    assert innate.actions[0].transitions == {1: {2: Fraction(1)}}
+    assert innate.actions[0].chances == {1: {2: Fraction(1)}}
 
 
 def test_start_and_goal(graph: CaseStudy) -> None:
@@ -217,7 +217,7 @@ def test_rules_and_conditions(graph: CaseStudy) -> None:
     reach, _, back, other = objective.rules
     assert reach.value == Constant(Fraction(21, 2))
     assert reach.condition.actions == frozenset({"stop"})
-    conditions = [render(rule.condition.where or Constant(True)) for rule in objective.rules]
+    conditions = [render(rule.condition.where) for rule in objective.rules]
     assert conditions == [
         "at(goal) & (mode = 0 | mode = 2)",
         "at'(B) & (light' = 0 & mode' = mode)",
@@ -233,11 +233,11 @@ def test_ends_and_unsafe(graph: CaseStudy) -> None:
     assert objective.ends_after is not None
     assert objective.ends_after.actions == frozenset({"stop"})
     assert objective.ends_in is not None
-    assert objective.ends_in.where is not None
-    assert render(objective.ends_in.where) == "at(goal) & mode = 2 & light > 0"
+    assert objective.ends_in is not None
+    assert render(objective.ends_in) == "at(goal) & mode = 2 & light > 0"
     assert objective.unsafe is not None
-    assert objective.unsafe.where is not None
-    assert render(objective.unsafe.where) == "light = 0 & mode != 1"
+    assert objective.unsafe is not None
+    assert render(objective.unsafe) == "light = 0 & mode != 1"
 
 
 def test_arrays_are_read_only(graph: CaseStudy) -> None:

@@ -8,11 +8,13 @@ import pytest
 from merap.concerns.combination import Condition, RewardRule
 from merap.concerns.steps import holds_in_states
 from merap.families.models import explored
-from tests.support.hand_made import graph_combination, number, parsed, with_objective
+from merap.program.expressions import all_of
+from tests.support.hand_made import at, graph_combination, number, parsed, with_objective
 from tests.support.mdp_lookup import reward
 
 IDLE, SCANNING, SCANNED = 0, 1, 2
 S, A, B, G = 0, 1, 2, 3
+NOT_AT_B = at(np.array([True, True, False, True]))
 
 
 def test_the_first_rule_that_matches_pays() -> None:
@@ -46,9 +48,7 @@ def test_a_value_is_computed_only_where_its_rule_matches() -> None:
     # light is 0 at B
     rules = (
         RewardRule(Condition(where=parsed("light > 0")), parsed("1 / light")),
-        RewardRule(
-            Condition(at=np.array([True, True, False, True]), where=parsed("1 / light > 1")), number(9)
-        ),
+        RewardRule(Condition(where=all_of([NOT_AT_B, parsed("1 / light > 1")])), number(9)),
     )
     mdp = explored(with_objective(graph_combination(), rules=rules))
     assert reward(mdp, (S, IDLE, 0), "stop") == pytest.approx(1 / 3)
@@ -57,8 +57,7 @@ def test_a_value_is_computed_only_where_its_rule_matches() -> None:
 
 def test_a_condition_need_not_be_defined_where_the_rest_does_not_hold() -> None:
     # light is 0 at B alone
-    elsewhere = np.array([True, True, False, True])
-    rule = RewardRule(Condition(at=elsewhere, where=parsed("1 / light > 0.4")), parsed("2 / light"))
+    rule = RewardRule(Condition(where=all_of([NOT_AT_B, parsed("1 / light > 0.4")])), parsed("2 / light"))
     mdp = explored(with_objective(graph_combination(), rules=(rule,)))
     assert reward(mdp, (A, IDLE, 0), "stop") == 1
     assert reward(mdp, (S, IDLE, 0), "stop") == reward(mdp, (B, IDLE, 0), "stop") == 0
@@ -66,11 +65,7 @@ def test_a_condition_need_not_be_defined_where_the_rest_does_not_hold() -> None:
 
 def test_conditions_on_states_read_location_mode_and_attributes() -> None:
     graph = graph_combination()
-    condition = Condition(
-        at=np.array([True, True, True, False]),
-        modes=np.array([True, True, False]),
-        where=parsed("light + mode > 2"),
-    )
+    condition = all_of([at(np.array([True, True, True, False])), parsed("mode < 2 & light + mode > 2")])
     # light is 3, 2, 0 at S, A, B: S always, A when scanning
     assert np.flatnonzero(holds_in_states(graph, condition)).tolist() == [
         3 * S + IDLE,

@@ -21,6 +21,7 @@ from merap.prism.program_text import render_program
 from merap.program.expressions import Constant, parse
 from merap.program.form import Program
 from tests.support.hand_made import (
+    at,
     graph_combination,
     number,
     parsed,
@@ -33,7 +34,7 @@ from tests.support.programs import process_of
 EAST, WEST, ACROSS = 0, 1, 2
 AT_B = np.array([False, False, True, False])
 AT_G = np.array([False, False, False, True])
-SCANNED = np.array([False, False, True])
+SCANNED = parsed("mode' = 2")
 
 
 def writers(combination: Combination) -> tuple[EngineText, LocationTables]:
@@ -204,17 +205,18 @@ def items(combination: Combination) -> dict[str, str]:
 
 
 def test_what_an_action_pays() -> None:
-    goal, rest = RewardRule(Condition(to=AT_G), number(5)), RewardRule(Condition(), number("-0.5"))
+    goal = RewardRule(Condition(where=at(AT_G, "'")), number(5))
+    rest = RewardRule(Condition(), number("-0.5"))
     assert items(with_objective(graph_combination(), rules=())) == {"true": "0"}
     assert pay(rest, action="jump") == "-1/2"
     assert pay(goal, rest, action="back") == "-1/2"
     # across leads from S to B, staying there is no step to G but from G itself
     assert pay(goal, rest, action="jump") == "loc=3 ? 5 : -1/2"
     assert pay(rest, goal, action="jump") == "-1/2"
-    across = RewardRule(Condition(to=AT_B), number(5))
+    across = RewardRule(Condition(where=at(AT_B, "'")), number(5))
     assert pay(across, rest, action="jump") == "1/2 * (loc=0 | loc=2 ? 5 : -1/2) + 1/2 * (loc=2 ? 5 : -1/2)"
-    assert pay(RewardRule(Condition(to_modes=SCANNED), number(3)), action="measure") == "9/10 * 3"
-    assert pay(RewardRule(Condition(to_modes=SCANNED), number(3)), rest, action="measure") == (
+    assert pay(RewardRule(Condition(where=SCANNED), number(3)), action="measure") == "9/10 * 3"
+    assert pay(RewardRule(Condition(where=SCANNED), number(3)), rest, action="measure") == (
         "9/10 * 3 + 1/10 * (-1/2)"
     )
 
@@ -222,7 +224,7 @@ def test_what_an_action_pays() -> None:
 def test_an_innate_action_pays_by_its_mode() -> None:
     graph = graph_combination()
     assert graph.capability.innate is not None
-    rows = {0: {1: Fraction(1)}, 1: {2: Fraction(1)}}
+    rows = {0: {1: number(1)}, 1: {2: number(1)}}
     innate = replace(graph.capability.innate, actions=(InnateAction("measure", rows),))
     rules = (RewardRule(Condition(), parsed("mode' - 3 * mode")),)
     found = items(with_objective(with_capability(graph, innate=innate), rules=rules))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from merap.checker.storm import build_text
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Combination
 from merap.families.models import explored
 from merap.mdp.chain import induced_chain
 from merap.mdp.comparison import compare
@@ -63,7 +63,7 @@ def test_storm_builds_the_chain(combination: Combination) -> None:
 
 def test_conditions_of_labels_are_decided_exactly() -> None:
     # light is 3 at S: 0.1 * 3 + 0.2 <= 0.5 holds, though it does not for doubles
-    at_most = Condition(where=parsed("light * 0.1 + 0.2 <= 0.5 & light > 2"))
+    at_most = parsed("light * 0.1 + 0.2 <= 0.5 & light > 2")
     combination = with_objective(graph_combination(), unsafe=at_most)
     assert explored(combination).labels["unsafe"].any()
     require_agreement(combination, 0)

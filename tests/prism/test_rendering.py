@@ -21,6 +21,7 @@ from merap.prism.rendering import render
 from merap.prism.templates import WIDTH
 from tests.support.hand_made import (
     HAND_MADE,
+    at,
     cells,
     graph_combination,
     grid_combination,
@@ -87,9 +88,9 @@ def test_several_starts_in_a_single_row_or_column() -> None:
             objective=replace(
                 combination.objective,
                 start=start,
-                goal=Condition(at=one_of),
+                goal=at(one_of),
                 rules=(),
-                ends_after=Condition(at=one_of),
+                ends_after=Condition(where=at(one_of)),
             ),
         )
         require_agreement(combination)
@@ -141,9 +142,7 @@ def test_names_of_attributes_that_engines_or_the_text_use_otherwise() -> None:
         "go", (Outcome(0, parsed("P ? 0.5 : 1")), Outcome(None, parsed("P ? 0.5 : 0"))), "stay"
     )
     renamed = with_capability(with_environment(graph, attributes=attributes), external=(action,))
-    combination = with_objective(
-        renamed, rules=rules, unsafe=Condition(where=parsed("goal + space + end > 3"))
-    )
+    combination = with_objective(renamed, rules=rules, unsafe=parsed("goal + space + end > 3"))
     require_agreement(combination)
 
 
@@ -233,7 +232,7 @@ def test_space_and_capability_are_the_same_for_all_objectives() -> None:
         ends_in=None,
         unsafe=None,
         horizon=3,
-        goal=Condition(at=graph.objective.start > 0),
+        goal=at(graph.objective.start > 0),
     )
     texts = [
         render(combination).split("// objective") for combination in (graph, replace(other, name="e.c.p"))

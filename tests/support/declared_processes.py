@@ -37,7 +37,7 @@ def enabled(combination: Combination, state: State) -> Iterator[str]:
             yield action.name
     if capability.innate is not None:
         for innate in capability.innate.actions:
-            if state["mode"] in innate.transitions:
+            if state["mode"] in innate.chances:
                 yield innate.name
         if capability.innate.restart and terminal:
             yield capability.innate.start_action
@@ -61,7 +61,7 @@ def _world(combination: Combination, state: State, action: str) -> Iterator[Bran
     if innate is not None:
         for one in innate.actions:
             if one.name == action:
-                for successor, chance in one.transitions[mode].items():
+                for successor, chance in one.chances[mode].items():
                     yield chance, {"loc": here, "mode": successor}
         if action == innate.start_action:
             yield Fraction(1), {"loc": here, "mode": innate.entry}

@@ -18,9 +18,21 @@ from merap.concerns.combination import (
 )
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
+from merap.concerns.location_tables import HERE
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Ints
-from merap.program.expressions import Constant, Expression, fold, parse
+from merap.program.expressions import (
+    TRUE,
+    Column,
+    Constant,
+    Expression,
+    Lookup,
+    Table,
+    Variable,
+    all_of,
+    fold,
+    parse,
+)
 
 SIZE = 9
 SHIFTS = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
@@ -52,6 +64,11 @@ def grid_space(shape: tuple[int, int] = (SIZE, SIZE)) -> Space:
 
 def number(value: float | str) -> Constant:
     return Constant(Fraction(str(value)))
+
+
+def at(mask: Bools, prime: str = "") -> Expression:
+    """Return whether the location, or with a prime that of the successor, is among some."""
+    return Lookup(Table("", Column.of(mask)), Variable(HERE + prime, 0))
 
 
 def parsed(text: str, modes: tuple[str, ...] = ()) -> Expression:
@@ -92,12 +109,12 @@ def grid_combination(
             parameters={},
             start=start,
             horizon=2 * size,
-            goal=Condition(at=at_goal),
+            goal=at(at_goal),
             rules=(
-                RewardRule(Condition(at=at_goal, actions=frozenset({"stop"})), number(10)),
+                RewardRule(Condition(frozenset({"stop"}), at(at_goal)), number(10)),
                 RewardRule(Condition(), number("-0.5")),
             ),
-            ends_after=Condition(at=at_goal),
+            ends_after=Condition(where=at(at_goal)),
             ends_in=None,
             unsafe=None,
         ),
@@ -149,31 +166,34 @@ def graph_combination() -> DeclaredCombination:
         initial=0,
         terminal=frozenset({0, 2}),
         restart=True,
-        actions=(InnateAction("measure", {1: {2: Fraction(9, 10), 1: Fraction(1, 10)}}),),
+        actions=(InnateAction("measure", {1: {2: number("0.9"), 1: number("0.1")}}),),
     )
-    at_goal = np.array([False, False, False, True])
+    at_goal, scanned = np.array([False, False, False, True]), expression("mode = scanned")
+    scanned_at_goal = all_of([at(at_goal), scanned])
     objective = DeclaredObjective(
         name="o",
         parameters={},
         start=np.array([0.25, 0.75, 0.0, 0.0]),
         horizon=12,
-        goal=Condition(at=at_goal),
+        goal=at(at_goal),
         rules=(
             RewardRule(
-                Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
+                Condition(frozenset({"stop"}), scanned_at_goal),
                 number(20),
             ),
-            RewardRule(Condition(to=at_goal, where=expression("light' > light")), expression("light / 4")),
             RewardRule(
-                Condition(to_modes=np.array([False, False, True]), actions=frozenset({"measure"})),
+                Condition(where=all_of([at(at_goal, "'"), parsed("light' > light")])), parsed("light / 4")
+            ),
+            RewardRule(
+                Condition(frozenset({"measure"}), expression("mode' = scanned")),
                 number("0.3"),
             ),
             RewardRule(Condition(where=expression("light = 0 & mode = idle")), number(-3)),
             RewardRule(Condition(), number(-1)),
         ),
-        ends_after=Condition(at=at_goal, modes=np.array([False, False, True]), actions=frozenset({"stop"})),
-        ends_in=Condition(at=np.array([False, True, False, False]), modes=np.array([False, False, True])),
-        unsafe=Condition(where=expression("light = 0")),
+        ends_after=Condition(frozenset({"stop"}), scanned_at_goal),
+        ends_in=all_of([at(np.array([False, True, False, False])), scanned]),
+        unsafe=parsed("light = 0"),
     )
     return DeclaredCombination(
         name="e.c.o",
@@ -211,7 +231,7 @@ HAND_MADE = {
     "graph": graph_combination(),
     "one start": with_objective(graph_combination(), start=np.array([1.0, 0, 0, 0])),
     "no end": with_objective(graph_combination(), ends_in=None, ends_after=None),
-    "complete at once": with_objective(graph_combination(), ends_in=Condition()),
+    "complete at once": with_objective(graph_combination(), ends_in=TRUE),
     "no reward": with_objective(graph_combination(), rules=()),
     "no goal": with_objective(graph_combination(), goal=None),
     "nothing innate": with_capability(graph_combination(), innate=None),

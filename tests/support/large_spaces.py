@@ -8,7 +8,7 @@ import numpy as np
 
 from merap.concerns.combination import Combination, Condition, RewardRule
 from merap.concerns.space import Attribute, Space
-from tests.support.hand_made import graph_combination, grid_combination, number, parsed
+from tests.support.hand_made import at, graph_combination, grid_combination, number, parsed
 
 
 def random_graph(size: int) -> Combination:
@@ -40,13 +40,13 @@ def random_graph(size: int) -> Combination:
         objective=replace(
             graph.objective,
             start=start,
-            goal=Condition(at=goal),
+            goal=at(goal),
             rules=(
-                RewardRule(Condition(at=goal, actions=frozenset({"stop"})), number(20)),
+                RewardRule(Condition(frozenset({"stop"}), at(goal)), number(20)),
                 RewardRule(Condition(where=parsed("light' = 0")), number(-2)),
                 RewardRule(Condition(), number(-1)),
             ),
-            ends_after=Condition(at=goal, actions=frozenset({"stop"})),
+            ends_after=Condition(frozenset({"stop"}), at(goal)),
             ends_in=None,
         ),
     )

@@ -22,10 +22,11 @@ from merap.concerns.combination import (
 )
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import Innate, InnateAction
+from merap.concerns.location_tables import mode_in
 from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Floats
-from merap.program.expressions import Expression
-from tests.support.hand_made import grid_space, number, parsed
+from merap.program.expressions import TRUE, Constant, Expression, all_of
+from tests.support.hand_made import at, grid_space, number, parsed
 
 Generator = np.random.Generator
 Kind = TypeVar("Kind")
@@ -93,7 +94,7 @@ def random_combination(seed: int) -> DeclaredCombination:
             parameters={},
             start=start,
             horizon=int(generator.integers(1, 13)),
-            goal=Condition(at=_mask(generator, space.num_locations, 0.4)),
+            goal=at(_mask(generator, space.num_locations, 0.4)),
             rules=(),
             ends_after=None,
             ends_in=None,
@@ -190,7 +191,7 @@ def _innate(generator: Generator, mode_count: int) -> Innate:
         for mode in range(mode_count)
         if mode not in terminal or generator.random() < 0.4
     }
-    reset = {mode: {0: Fraction(1)} for mode in range(mode_count) if generator.random() < 0.4}
+    reset = {mode: {0: number(1)} for mode in range(mode_count) if generator.random() < 0.4}
     return Innate(
         name="automaton",
         entry=int(generator.integers(mode_count)),
@@ -201,11 +202,11 @@ def _innate(generator: Generator, mode_count: int) -> Innate:
     )
 
 
-def _row(generator: Generator, mode_count: int) -> dict[int, Fraction]:
+def _row(generator: Generator, mode_count: int) -> dict[int, Expression]:
     shares = generator.integers(0, 4, size=mode_count).tolist()
     if not any(shares):
         shares[0] = 1
-    return {mode: Fraction(share, sum(shares)) for mode, share in enumerate(shares)}
+    return {mode: Constant(Fraction(share, sum(shares))) for mode, share in enumerate(shares)}
 
 
 def _objective(generator: Generator, draft: DeclaredCombination) -> DeclaredObjective:
@@ -213,15 +214,14 @@ def _objective(generator: Generator, draft: DeclaredCombination) -> DeclaredObje
     return replace(
         draft.objective,
         rules=tuple(rules),
-        ends_after=_maybe(generator, _condition(generator, draft, steps=True)),
+        ends_after=_maybe(
+            generator, Condition(_actions(generator, draft), all_of(_states(generator, draft)))
+        ),
         ends_in=_maybe(
             generator,
-            replace(
-                _condition(generator, draft, steps=False),
-                at=_mask(generator, draft.space.num_locations, 0.15),
-            ),
+            all_of([at(_mask(generator, draft.space.num_locations, 0.15)), *_states(generator, draft)]),
         ),
-        unsafe=_maybe(generator, _condition(generator, draft, steps=False)),
+        unsafe=_maybe(generator, all_of(_states(generator, draft))),
     )
 
 
@@ -230,25 +230,29 @@ def _maybe(generator: Generator, value: Kind) -> Kind | None:
 
 
 def _rule(generator: Generator, draft: DeclaredCombination) -> RewardRule:
-    condition = _condition(generator, draft, steps=True)
-    places, modes = draft.space.num_locations, len(draft.modes)
-    condition = replace(
-        condition,
-        to=_maybe(generator, _mask(generator, places, 0.6)),
-        to_modes=_maybe(generator, _mask(generator, modes, 0.7)),
-        where=_maybe(generator, _where(generator, primed=True)),
+    terms = [
+        *_states(generator, draft),
+        *_states(generator, draft, "'"),
+        _maybe(generator, _where(generator, primed=True)) or TRUE,
+    ]
+    return RewardRule(
+        Condition(_actions(generator, draft), all_of(terms)), parsed(str(generator.choice(VALUES)))
     )
-    return RewardRule(condition, parsed(str(generator.choice(VALUES))))
 
 
-def _condition(generator: Generator, draft: DeclaredCombination, *, steps: bool) -> Condition:
-    chosen = generator.choice(draft.actions, size=3)
-    return Condition(
-        at=_maybe(generator, _mask(generator, draft.space.num_locations, 0.6)),
-        modes=_maybe(generator, _mask(generator, len(draft.modes), 0.7)),
-        actions=_maybe(generator, frozenset(chosen.tolist())) if steps else None,
-        where=_maybe(generator, _where(generator, primed=False)),
-    )
+def _actions(generator: Generator, draft: DeclaredCombination) -> frozenset[str] | None:
+    return _maybe(generator, frozenset(generator.choice(draft.actions, size=3).tolist()))
+
+
+def _states(generator: Generator, draft: DeclaredCombination, prime: str = "") -> list[Expression]:
+    """Conditions on location, mode and attributes, or on location and mode of the successor."""
+    modes = np.flatnonzero(_mask(generator, len(draft.modes), 0.7)).tolist()
+    terms = [
+        at(_mask(generator, draft.space.num_locations, 0.6), prime),
+        mode_in(modes, len(draft.modes), f"mode{prime}"),
+        *([] if prime else [_where(generator, primed=False)]),
+    ]
+    return [term for term in terms if generator.random() < 0.6]
 
 
 def _where(generator: Generator, *, primed: bool) -> Expression:

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import Condition
 from merap.errors import InputError
 from merap.mapek.serving import served_combination
 from merap.systems.http_server import MAX_BODY, listening, server
-from tests.support.hand_made import cells, grid_combination, with_objective
+from tests.support.hand_made import at, cells, grid_combination, with_objective
 from tests.support.http_servers import running, serving
 from tests.support.paths import ROOT
 
@@ -233,7 +232,7 @@ def test_an_address_that_is_none_is_refused(host: str, port: int, message: str) 
 
 def test_a_system_that_fails_itself_is_unavailable() -> None:
     """Where every task is complete in the goal and nothing resets the system, no task can begin there."""
-    ending = Condition(at=cells((0, 1)))
+    ending = at(cells((0, 1)))
     combination = with_objective(grid_combination(goal=(0, 1)), ends_after=None, ends_in=ending)
     served = served_combination(combination, np.random.default_rng(0), reset="none")
     with running(server(served)) as url, httpx.Client(base_url=url, trust_env=False) as client:

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from merap.concerns.case_study import load_case
-from merap.concerns.combination import Condition
 from merap.errors import InputError
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
 from tests.support.grid_tasks import HORIZON, grid_model, grid_task
-from tests.support.hand_made import cells, graph_combination, grid_combination, with_objective
+from tests.support.hand_made import at, cells, graph_combination, grid_combination, with_objective
 
 STOP, UP, DOWN, LEFT, RIGHT = range(5)
 GOAL_NEAR = grid_model(grid_task((0, 2)))
@@ -144,9 +143,7 @@ def test_a_new_task_begins_in_the_initial_mode() -> None:
 
 def test_a_place_where_every_task_is_complete_cannot_begin_one() -> None:
     at_goal = cells((0, 2))
-    combination = with_objective(
-        grid_combination(goal=(0, 2)), ends_after=None, ends_in=Condition(at=at_goal)
-    )
+    combination = with_objective(grid_combination(goal=(0, 2)), ends_after=None, ends_in=at(at_goal))
     simulated = SimulatedSystem(combination, HORIZON, np.random.default_rng(0), reset="none")
     simulated.reset()
     assert walk(simulated, [RIGHT, RIGHT]).continuation == 0
@@ -192,7 +189,7 @@ def test_a_change_that_would_complete_the_task_where_it_is_does_not_fit() -> Non
     simulated = grid()
     simulated.reset()
     walk(simulated, [DOWN])
-    ending = with_objective(grid_combination(), ends_after=None, ends_in=Condition(at=cells((1, 0))))
+    ending = with_objective(grid_combination(), ends_after=None, ends_in=at(cells((1, 0))))
     assert not simulated.fits(ending)
     walk(simulated, [DOWN])
     assert simulated.fits(ending)
