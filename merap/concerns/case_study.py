@@ -225,20 +225,9 @@ class DeclaredCase(CaseStudy):
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
         """See `CaseStudy`."""
-        supports, closing = self.supports, self.read_system.closing
-        pair = closing.pair(supports.environment[environment], supports.capability[capability])
-        wanted = closing.objective(supports.objective[objective], *pair)
-        self.read_system.check_pair(*pair)
-        return DeclaredCombination(
-            name=".".join(part.name for part in (*pair, wanted)),
-            actions=self.actions,
-            environment=pair[0],
-            capability=pair[1],
-            objective=wanted,
-            discount=self.discount,
-            digest=self.digest,
-            space=self.space,
-            modes=self.modes,
+        supports = self.supports
+        return self.read_system.combined(
+            supports.environment[environment], supports.capability[capability], supports.objective[objective]
         )
 
 

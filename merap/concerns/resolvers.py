@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from merap.concerns.expression_names import CONCERNS
 from merap.concerns.resolve_capability import CapabilityResolver
 from merap.concerns.resolve_environment import EnvironmentResolver
 from merap.concerns.resolve_objective import ObjectiveResolver
@@ -21,8 +22,4 @@ class Resolvers(ShortRepr):
 
     def names_read(self) -> dict[ConcernName, set[str]]:
         """Return the resolved names of all that the expressions of each concern read."""
-        return {
-            "environment": self.environment.names_read(),
-            "capability": self.capability.names_read(),
-            "objective": self.objective.names_read(),
-        }
+        return {concern: getattr(self, concern).names_read() for concern in CONCERNS}

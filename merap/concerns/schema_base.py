@@ -92,42 +92,36 @@ def is_cell(value: Any) -> bool:
     return isinstance(value, tuple) and len(value) == 2 and all(map(is_whole, value))
 
 
-def location_ref(value: Any) -> LocationRef:
-    """A name or `[row, col]`."""
+def location_ref(value: Any, *, path: KeyPath = ()) -> LocationRef:
+    """A name or `[row, col]`, which stands at `path`."""
     if isinstance(value, str):
         return value
     if is_cell(value):
         return (value[0], value[1])
-    raise wrong(f"expected a location: a name, or [row, col] on a grid; got {shown(value)}")
+    raise wrong(f"expected a location: a name, or [row, col] on a grid; got {shown(value)}", path)
 
 
-def location_set(value: Any) -> LocationSet:
-    """One location, a list of them, or a box `{rows: [a, b], cols: [c, d]}`."""
+def location_set(value: Any, *, path: KeyPath = ()) -> LocationSet:
+    """One location, a list of them, or a box `{rows: [a, b], cols: [c, d]}`, which stands at `path`."""
     if isinstance(value, str) or is_cell(value):
         return (location_ref(value),)
     if isinstance(value, tuple):
-        return tuple(_refs(value))
+        return tuple(location_ref(entry, path=(*path, index)) for index, entry in enumerate(value))
     if isinstance(value, Mapping) and set(value) == {"rows", "cols"}:
-        return Box(_bounds(value, "rows"), _bounds(value, "cols"))
+        return Box(_bounds(value, "rows", path), _bounds(value, "cols", path))
     raise wrong(
         "expected a location, a list of locations, or a box with rows: [a, b] and cols: [c, d] on a grid; "
-        f"got {shown(value)}"
+        f"got {shown(value)}",
+        path,
     )
 
 
-def _refs(values: tuple[Any, ...]) -> list[LocationRef]:
-    refs = []
-    for index, value in enumerate(values):
-        if not (isinstance(value, str) or is_cell(value)):
-            raise wrong(f"expected a location: a name, or [row, col] on a grid; got {shown(value)}", (index,))
-        refs.append(location_ref(value))
-    return refs
-
-
-def _bounds(box: Mapping[str, Any], key: str) -> tuple[int, int]:
+def _bounds(box: Mapping[str, Any], key: str, path: KeyPath) -> tuple[int, int]:
     value = box[key]
     if not is_cell(value) or value[0] > value[1]:
-        raise wrong(f"expected [first, last] as whole numbers with first <= last, got {shown(value)}", (key,))
+        raise wrong(
+            f"expected [first, last] as whole numbers with first <= last, got {shown(value)}", (*path, key)
+        )
     return (value[0], value[1])
 
 
@@ -205,10 +199,7 @@ def _settings(value: Any) -> tuple[Setting, ...]:
 def _setting(entry: Any, index: int) -> Setting:
     if not isinstance(entry, Mapping) or set(entry) != {"at", "value"}:
         raise wrong(f"expected a mapping with the keys at and value, got {shown(entry)}", (index,))
-    try:
-        return Setting(location_set(entry["at"]), entry["value"], (index,))
-    except PydanticCustomError as error:
-        raise wrong(error.message_template, (index, "at", *(error.context or {})["path"])) from error
+    return Setting(location_set(entry["at"], path=(index, "at")), entry["value"], (index,))
 
 
 _VALUE_SCHEMA: dict[str, Any] = {"type": ["number", "boolean", "string"]}

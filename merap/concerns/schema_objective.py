@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema
-from pydantic_core import PydanticCustomError
 
 from merap.concerns.schema_base import (
     SET_SCHEMA,
@@ -66,14 +65,7 @@ def _successor(given: Any) -> Successor:
     for name, value in values.items():
         if not isinstance(value, bool | int | float | str):
             raise wrong(f"expected a value or an expression, got {shown(value)}", (name,))
-    return Successor(_located(given["at"]) if "at" in given else None, values)
-
-
-def _located(given: Any) -> LocationSet:
-    try:
-        return location_set(given)
-    except PydanticCustomError as error:
-        raise wrong(error.message_template, ("at", *(error.context or {})["path"])) from error
+    return Successor(location_set(given["at"], path=("at",)) if "at" in given else None, values)
 
 
 _VALUES = {"type": ["number", "boolean", "string"]}

@@ -10,7 +10,14 @@ from typing import Any, Self
 
 from merap.concerns.checks import DistributionCheck, check_system_start
 from merap.concerns.closing import Closing
-from merap.concerns.combination import Combination, DeclaredCombination, DeclaredObjective
+from merap.concerns.combination import (
+    Capability,
+    Combination,
+    DeclaredCombination,
+    DeclaredObjective,
+    Environment,
+    ResetMode,
+)
 from merap.concerns.configurations import read_values
 from merap.concerns.document import Document, KeyPath
 from merap.concerns.parameters import Values
@@ -115,25 +122,52 @@ class DeclaredSystemReader(SystemReader):
     def __call__(self, name: str, spec: SystemSpec) -> DeclaredCombination:
         """See `SystemReader`."""
         self._check_name(name)
-        environment, capability = self.closing.pair(
-            self._concern(name, "environment", spec), self._concern(name, "capability", spec)
-        )
-        objective = self.closing.objective(self._objective(name, spec), environment, capability)
-        system = DeclaredCombination(
+        system = self.combined(
+            self._concern(name, "environment", spec),
+            self._concern(name, "capability", spec),
+            self._objective(name, spec),
             name=name,
+            reset=spec.reset,
+        )
+        check_system_start(self.context, self._path(name), system)
+        return system
+
+    def combined(
+        self,
+        environment: Environment,
+        capability: Capability,
+        objective: DeclaredObjective,
+        *,
+        name: str | None = None,
+        reset: ResetMode = "episodes",
+    ) -> DeclaredCombination:
+        """Return the combination of three configurations.
+
+        Args:
+            environment: its environment.
+            capability: its capability.
+            objective: its objective.
+            name: of a system; None: the combination is called as the three are.
+            reset: how an episode after the first begins.
+
+        Raises:
+            InputError: an expression is undefined, or the three do not fit together.
+        """
+        pair = self.closing.pair(environment, capability)
+        objective = self.closing.objective(objective, *pair)
+        self.check_pair(*pair)
+        return DeclaredCombination(
+            name=name or ".".join(part.name for part in (*pair, objective)),
             space=self.context.space,
             modes=self.context.modes,
             actions=self.context.actions,
-            environment=environment,
-            capability=capability,
+            environment=pair[0],
+            capability=pair[1],
             objective=objective,
             discount=self.discount,
             digest=self.digest,
-            reset=spec.reset,
+            reset=reset,
         )
-        self.check_pair(environment, capability)
-        check_system_start(self.context, self._path(name), system)
-        return system
 
     def _objective(self, system: str, spec: SystemSpec) -> DeclaredObjective:
         support = self.supports.objective

@@ -43,10 +43,7 @@ class EngineText:
     """
 
     def __init__(self, program: Program) -> None:
-        self.domains = Domains(
-            {one.name: None if one.kind == "bool" else (one.low, one.high) for one in program.variables},
-            program.location,
-        )
+        self.domains = Domains({one.name: one for one in program.variables}, program.location)
         self._definitions = {engine_form(value): name for name, value in program.definitions.items()}
         self._named: dict[Expression, Expression] = {}
         self._tables: dict[Expression, Expression] = {}
@@ -54,7 +51,7 @@ class EngineText:
         self._shown = self._numbered = 0
         self._taken = {
             *KEYWORDS,
-            *self.domains.bounds,
+            *self.domains.variables,
             *program.actions,
             *program.labels,
             *program.rewards,
@@ -97,13 +94,12 @@ class EngineText:
 
     def location_in(self, places: Sequence[Mapping[str, int]]) -> Expression:
         """Return whether the location variables have one of some joint values."""
-        bounds = [self.domains[name] or (0, 1) for name in self.domains.location]
-        inside = np.zeros([high - low + 1 for low, high in bounds], dtype=np.int64)
+        variables = [self.domains[name] for name in self.domains.location]
+        inside = np.zeros([one.size for one in variables], dtype=np.int64)
         for place in places:
-            values = zip(self.domains.location, bounds, strict=True)
-            inside[tuple(place[name] - low for name, (low, _) in values)] = 1
+            inside[tuple(place[one.name] - one.low for one in variables)] = 1
         window = inside.reshape((1, -1)) if inside.ndim == 1 else inside
-        lows, leaves = [low for low, _ in bounds], (Constant(False), Constant(True))
+        lows, leaves = [one.low for one in variables], (Constant(False), Constant(True))
         return location_tree(self.domains.location, lows, window, leaves)
 
     def formula(self, name: str, form: Expression, meaning: str = "") -> Expression:

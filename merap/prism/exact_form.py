@@ -155,9 +155,8 @@ def _computed(expression: Expression, known: Known) -> _Scaled:
             exact = Fraction(value)
             return _checked(_number(exact.numerator), exact.denominator, exact.numerator, exact.numerator)
         case Variable(name):
-            domain = known.domains[name]
-            assert domain is not None, name
-            return _checked(expression, 1, *domain)
+            variable = known.domains[name]
+            return _checked(expression, 1, variable.low, variable.high)
         case Lookup(table, _):
             levels = table.column.levels
             if not levels.are_whole:

@@ -20,7 +20,6 @@ from merap.program.expressions import (
     Column,
     Constant,
     Expression,
-    Levels,
     Lookup,
     Operation,
     Value,
@@ -28,6 +27,7 @@ from merap.program.expressions import (
     tabulate,
     variables,
 )
+from merap.program.form import StateVariable
 
 MAX_TABLE = 4096
 MAX_CELLS = 10_000_000
@@ -40,22 +40,15 @@ class Domains:
     """The variables of a program.
 
     Attributes:
-        bounds: the least and the greatest value of a variable; of a truth value None.
-        location: the variables that hold the location together: row and column, or one number.
+        variables: by name.
+        location: those that hold the location together: row and column, or one number.
     """
 
-    bounds: Mapping[str, tuple[int, int] | None]
+    variables: Mapping[str, StateVariable]
     location: tuple[str, ...] = ()
 
-    def __getitem__(self, name: str) -> tuple[int, int] | None:
-        return self.bounds[name]
-
-    def levels(self, name: str) -> Levels:
-        """Return the values of a variable."""
-        bounds = self.bounds[name]
-        if bounds is None:
-            return Levels((False, True))
-        return Levels(tuple(Fraction(value) for value in range(bounds[0], bounds[1] + 1)))
+    def __getitem__(self, name: str) -> StateVariable:
+        return self.variables[name]
 
     def is_truth(self, expression: Expression) -> bool:
         """Tell whether the value is true or false, not a number."""
@@ -63,7 +56,7 @@ class Domains:
             case Constant(value):
                 return isinstance(value, bool)
             case Variable(name):
-                return self.bounds[name] is None
+                return self.variables[name].kind == "bool"
             case Lookup(table, _):
                 return table.kind == "bool"
             case Operation("?:", arguments):
@@ -106,7 +99,7 @@ def _tabulated(expression: Expression, domains: Domains) -> tuple[list[str], Int
     names = sorted({variable.name for variable in variables(expression)})
     others = [name for name in names if name not in domains.location]
     axes = others if len(others) == len(names) else [*others, *domains.location]
-    levels = [domains.levels(name) for name in axes]
+    levels = [domains[name].levels for name in axes]
     sizes = [len(one.values) for one in levels]
     listed, cells = prod(sizes[: len(others)]), prod(sizes)
     if listed > MAX_TABLE or cells > MAX_CELLS:
@@ -135,14 +128,14 @@ def _tree(axes: Sequence[str], numbers: Ints, leaves: Sequence[Constant], domain
     if np.all(numbers == first):
         return leaves[first]
     if axes[0] in domains.location:
-        lows = [bounds[0] for name in axes if (bounds := domains[name]) is not None]
+        lows = [domains[name].low for name in axes]
         used, inverse = np.unique(numbers, return_inverse=True)
         window = inverse.reshape(numbers.shape if len(axes) == 2 else (1, -1))
         return location_tree(axes, lows, window, [leaves[number] for number in used.tolist()])
     rest = numbers.reshape(len(numbers), -1)
     starts = [0, *(np.flatnonzero(np.any(rest[1:] != rest[:-1], axis=1)) + 1).tolist()]
     trees = [_tree(axes[1:], numbers[start], leaves, domains) for start in starts]
-    values = domains.levels(axes[0]).values
+    values = domains[axes[0]].levels.values
     return _split(Variable(axes[0], 0), [values[start] for start in starts], trees)
 
 

@@ -14,9 +14,23 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
-from merap.program.expressions import ONE, TRUE, ZERO, Constant, Expression, Value, fold, number, variables
+from merap.program.expressions import (
+    ONE,
+    TRUE,
+    ZERO,
+    Constant,
+    Expression,
+    Integers,
+    Levels,
+    Value,
+    fold,
+    number,
+    variables,
+)
 
 ConcernName: TypeAlias = Literal["environment", "capability", "objective"]
 Kind: TypeAlias = Literal["bool", "int", "named"]
@@ -54,6 +68,11 @@ class StateVariable(ShortRepr):
     def size(self) -> int:
         """The number of values."""
         return self.high - self.low + 1
+
+    @cached_property
+    def levels(self) -> Levels:
+        """All values: false and true, or numbers."""
+        return Levels((False, True)) if self.kind == "bool" else Integers(np.arange(self.low, self.high + 1))
 
     def text(self, value: int) -> str:
         """Return one of the values as it is written: a truth value, a name or a number."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from merap.errors import ModelError
 from merap.mdp.model import Ints
-from merap.program.expressions import Column, Columns, Combinations, Integers, Levels
+from merap.program.expressions import Column, Columns, Combinations
 from merap.program.form import StateVariable
 
 MAX_CODES = 2**62
@@ -56,18 +56,6 @@ class Encoding:
     def by_name(self) -> Mapping[str, StateVariable]:
         """The variables by name."""
         return {variable.name: variable for variable in self.variables}
-
-    @cached_property
-    def _levels(self) -> dict[str, Levels]:
-        return {}
-
-    def levels(self, name: str) -> Levels:
-        """Return all values of a variable."""
-        if name not in self._levels:
-            one = self.by_name[name]
-            whole = Integers(np.arange(one.low, one.high + 1))
-            self._levels[name] = Levels((False, True)) if one.kind == "bool" else whole
-        return self._levels[name]
 
     def digits(self, codes: Ints, name: str) -> Ints:
         """int64 [N], how far a variable is above its least value."""
@@ -116,7 +104,7 @@ class States(Columns):
             digits = self.digits(name)
             listed = variable.size <= max(LISTED, LISTED_PER_STATE * len(digits))
             self._columns[name] = (
-                Column(self.encoding.levels(name), digits) if listed else Column.of(digits + variable.low)
+                Column(variable.levels, digits) if listed else Column.of(digits + variable.low)
             )
         return self._columns[name]
 

@@ -25,9 +25,18 @@ from merap.program.expressions import (
     fold,
     parse,
 )
+from merap.program.form import StateVariable, boolean, integer
 
 ROWS, COLUMNS = 3, 4
-DOMAINS = Domains({"row": (0, ROWS - 1), "col": (0, COLUMNS - 1), "m": (-1, 2), "b": None}, ("row", "col"))
+
+
+def domains(*variables: StateVariable, location: tuple[str, ...] = ("row", "col")) -> Domains:
+    return Domains({one.name: one for one in variables}, location)
+
+
+DOMAINS = domains(
+    integer("row", 0, ROWS - 1), integer("col", 0, COLUMNS - 1), integer("m", -1, 2), boolean("b")
+)
 HERE = parse(f"{COLUMNS} * row + col")
 
 
@@ -89,12 +98,12 @@ def test_a_table_has_the_values_of_the_expression(expression: Expression) -> Non
 
 def test_locations_do_not_count_as_cases() -> None:
     rows, columns = 100, 100
-    wide = Domains({"row": (0, rows - 1), "col": (0, columns - 1), "m": (0, 3)}, ("row", "col"))
+    wide = domains(integer("row", 0, rows - 1), integer("col", 0, columns - 1), integer("m", 0, 3))
     blocked = np.random.default_rng(0).random(rows * columns) < 0.01
     lookup = Lookup(Table("blocked", Column.of(blocked)), parse(f"{columns} * row + col"))
     text = text_of(table_of(Operation("?:", (lookup, parse("m / 3"), parse("0"))), wide))
     assert 100 < len(text) < 4 * 100 * 60
-    apart = Domains(wide.bounds)
+    apart = Domains(wide.variables)
     with pytest.raises(InputError, match="has 10000 cases, at most 4096 can be listed"):
         table_of(lookup, apart)
 
