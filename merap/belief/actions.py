@@ -17,9 +17,9 @@ from functools import cached_property
 
 import numpy as np
 
+from merap.belief.steps import scope_of
 from merap.concerns.combination import Capability, DeclaredCombination
 from merap.concerns.external_action import ExternalAction
-from merap.concerns.steps import scope_of
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.program.expressions import evaluate

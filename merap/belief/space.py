@@ -31,10 +31,10 @@ from merap.belief.outside import (
     unknown_capabilities,
 )
 from merap.belief.states import belief_states, start_of
+from merap.belief.steps import Steps, holds_in_states
 from merap.concerns.case_study import DeclaredCase
 from merap.concerns.combination import Capability, DeclaredCombination, DeclaredObjective
 from merap.concerns.space import Space
-from merap.concerns.steps import Steps, holds_in_states
 from merap.errors import InputError
 from merap.mdp.index import FamilyIndex, carried
 from merap.mdp.model import Bools, Floats, Ints

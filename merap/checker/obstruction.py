@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from fractions import Fraction
 
 import networkx as nx
 import numpy as np
 
 from merap.concerns.combination import DeclaredCombination
-from merap.concerns.steps import goal_locations
+from merap.concerns.location_tables import step_scope
 from merap.errors import listed
 from merap.mdp.model import Bools, Ints
-from merap.program.expressions import Constant
+from merap.program.expressions import ZERO, evaluate, variables
 
 MAX_NAMED = 12
-IMPOSSIBLE = Constant(Fraction(0))
+
+
+def goal_locations(combination: DeclaredCombination) -> Bools:
+    """bool [P], where the goal is, whatever else the state is; nowhere if it is not about locations alone."""
+    space, goal = combination.space, combination.objective.goal
+    nowhere, here = np.zeros(space.num_locations, dtype=np.bool_), np.arange(space.num_locations)
+    if goal is None or not space.located:
+        return nowhere
+    scope = step_scope(space, combination.environment.attributes, here, here)
+    if any(variable.name not in scope for variable in variables(goal)):
+        return nowhere
+    return np.broadcast_to(evaluate(goal, scope), here.shape)
 
 
 def obstruction(combination: DeclaredCombination) -> str | None:
@@ -52,7 +62,7 @@ def _has_action(combination: DeclaredCombination) -> Bools:
     mask = np.zeros(len(combination.space.moves), dtype=np.bool_)
     for action in combination.capability.external:
         for outcome in action.outcomes:
-            if outcome.move is not None and outcome.probability != IMPOSSIBLE:
+            if outcome.move is not None and outcome.probability != ZERO:
                 mask[outcome.move] = True
     return mask
 

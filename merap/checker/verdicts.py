@@ -9,14 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 from merap.checker.exchange import Answer, ModelText
 from merap.checker.model_text import model_text
-from merap.checker.obstruction import obstruction
+from merap.checker.obstruction import goal_locations, obstruction
 from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
 from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.concerns.arguments import as_text
 from merap.concerns.combination import Combination, DeclaredCombination
 from merap.concerns.lookup import as_combination
-from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 
 Status = Literal["ok", "unsupported", "timeout"]

@@ -135,7 +135,7 @@ def _go_on_with(out: Path) -> None:
 
 def _show_result(run: RunFolder) -> None:
     """Say what the adapted policies are worth, and warn where that is little."""
-    from merap.concerns.steps import beyond_places_and_modes
+    from merap.belief.steps import beyond_places_and_modes
     from merap.strategies.training_result import evaluate_training
 
     found = evaluate_training(run)

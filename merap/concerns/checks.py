@@ -11,7 +11,7 @@ import numpy as np
 from merap.concerns.combination import Capability, DeclaredCombination, Environment
 from merap.concerns.document import KeyPath
 from merap.concerns.external_action import ExternalAction
-from merap.concerns.location_tables import location_scope
+from merap.concerns.location_tables import step_scope
 from merap.concerns.resolution_context import ResolutionContext, names_in
 from merap.concerns.space import Attribute, Space
 from merap.concerns.supports import Configurations, Support
@@ -122,11 +122,7 @@ def _reads_successor(action: ExternalAction) -> bool:
 
 
 def _scope(space: Space, attributes: tuple[Attribute, ...], here: Ints, there: Ints, mode: Ints) -> Scope:
-    scope = {MODE_VARIABLE: Column.of(mode), **location_scope(space, here, there)}
-    for attribute in attributes:
-        scope[attribute.name] = attribute.column[here]
-        scope[f"{attribute.name}'"] = attribute.column[there]
-    return scope
+    return {MODE_VARIABLE: Column.of(mode), **step_scope(space, attributes, here, there)}
 
 
 def check_actions(

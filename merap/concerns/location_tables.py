@@ -8,13 +8,13 @@ Axes: P locations, Q modes, B steps.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from merap.concerns.processes import DeclaredProcess, moved
-from merap.concerns.space import Space
+from merap.concerns.space import Attribute, Space
 from merap.mdp.model import Bools, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
 from merap.program.expressions import (
@@ -184,11 +184,12 @@ def mode_in(modes: Collection[int], count: int, name: str = MODE_VARIABLE) -> Ex
     return TRUE if len(set(modes)) == count else any_of(is_mode(mode, name) for mode in sorted(modes))
 
 
-def location_scope(space: Space, here: Ints, there: Ints) -> dict[str, Column]:
-    """Return the columns that resolved expressions read in B steps.
+def step_scope(space: Space, attributes: Iterable[Attribute], here: Ints, there: Ints) -> dict[str, Column]:
+    """Return the columns that resolved expressions read of the locations in B steps.
 
     Args:
         space: the locations.
+        attributes: of the locations.
         here: int64 [B].
         there: int64 [B], the successors' locations.
     """
@@ -198,4 +199,5 @@ def location_scope(space: Space, here: Ints, there: Ints) -> dict[str, Column]:
         if space.shape is not None:
             row, column = np.divmod(places, space.shape[1])
             columns |= {f"{ROW}{prime}": Column.of(row), f"{COL}{prime}": Column.of(column)}
+        columns |= {f"{attribute.name}{prime}": attribute.column[places] for attribute in attributes}
     return columns

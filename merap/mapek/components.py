@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from merap.belief.steps import beyond_places_and_modes
 from merap.concerns.case_study import CaseStudy
-from merap.concerns.steps import beyond_places_and_modes
 from merap.mapek.analyzer import Analyzer
 from merap.mapek.base_extension import BaseExtender
 from merap.mapek.connecting import live_horizon

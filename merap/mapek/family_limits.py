@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from merap.belief.steps import beyond_places_and_modes
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.document import KeyPath
-from merap.concerns.steps import beyond_places_and_modes
 from merap.mapek.scenario import Scenario
 from merap.strategies.registry import BELIEF, default_strategy
 from merap.trigger.settings import NoTriggerSpec

@@ -19,9 +19,7 @@ import numpy as np
 from merap.errors import InputError
 from merap.mdp.short_repr import ShortRepr
 from merap.program.expressions import (
-    ONE,
     TRUE,
-    ZERO,
     Constant,
     Expression,
     Integers,
@@ -88,7 +86,7 @@ def integer(name: str, low: int, high: int) -> StateVariable:
 
 def boolean(name: str) -> StateVariable:
     """Return a variable that is true or false."""
-    return StateVariable(name, ZERO, ONE, "bool")
+    return replace(integer(name, 0, 1), kind="bool")
 
 
 def whole(expression: Expression, meaning: str) -> int:

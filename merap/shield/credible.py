@@ -26,8 +26,8 @@ from merap.belief.model import known_open
 from merap.belief.outside import other_goals
 from merap.belief.posterior import Belief, concern_weights, weights
 from merap.belief.space import HypothesisSpace
+from merap.belief.steps import holds_in_states
 from merap.belief.update import family
-from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats
 from merap.shield.models import credible_models

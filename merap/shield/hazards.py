@@ -20,9 +20,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from merap.belief.steps import holds_in_states
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Attribute, Detector
-from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.program.expressions.tree import variables

@@ -14,10 +14,10 @@ import numpy as np
 
 from merap.belief.refinement import Refinement
 from merap.belief.space import HypothesisSpace, hypothesis_space
+from merap.belief.steps import beyond_places_and_modes
 from merap.belief.strategy import BeliefStrategy
 from merap.concerns.case_study import CaseStudy
 from merap.concerns.lookup import declared_case
-from merap.concerns.steps import beyond_places_and_modes
 from merap.errors import InputError
 from merap.families.build import ModelBase
 from merap.families.models import built

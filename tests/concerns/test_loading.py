@@ -9,9 +9,9 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from merap.checker.obstruction import goal_locations
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.combination import Combination
-from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 from tests.support.paths import MODELS

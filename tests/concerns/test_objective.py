@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from merap.checker.obstruction import goal_locations
 from merap.checker.properties import properties
 from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
 from merap.concerns.schema_program import case_schema
-from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 from merap.mdp.model import TabularMDP
 from merap.program.arrays import tabular

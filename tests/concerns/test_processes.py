@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from merap.belief.steps import holds_in_states
 from merap.checker.combination_model import build_combination
 from merap.checker.storm import build_text
 from merap.concerns.combination import Combination, Condition, RewardRule
@@ -17,7 +18,6 @@ from merap.concerns.composition import compose
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.processes import Change, DeclaredProcess, moved
 from merap.concerns.space import Space
-from merap.concerns.steps import holds_in_states
 from merap.errors import InputError
 from merap.mdp.comparison import compare
 from merap.mdp.model import TabularMDP

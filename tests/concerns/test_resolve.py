@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from merap.checker.obstruction import goal_locations
 from merap.concerns.case_study import CaseStudy, load_case
 from merap.concerns.external_action import ExternalAction
-from merap.concerns.steps import goal_locations
 from merap.errors import InputError
 from merap.families.models import explored
 from merap.program.expressions import Constant, evaluate, render

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from merap.concerns.combination import Condition, RewardRule
-from merap.concerns.steps import holds_in_states
 from merap.families.models import explored
 from merap.program.expressions import all_of
 from tests.support.hand_made import at, graph_combination, number, parsed, with_objective
@@ -61,14 +60,3 @@ def test_a_condition_need_not_be_defined_where_the_rest_does_not_hold() -> None:
     mdp = explored(with_objective(graph_combination(), rules=(rule,)))
     assert reward(mdp, (A, IDLE, 0), "stop") == 1
     assert reward(mdp, (S, IDLE, 0), "stop") == reward(mdp, (B, IDLE, 0), "stop") == 0
-
-
-def test_conditions_on_states_read_location_mode_and_attributes() -> None:
-    graph = graph_combination()
-    condition = all_of([at(np.array([True, True, True, False])), parsed("mode < 2 & light + mode > 2")])
-    # light is 3, 2, 0 at S, A, B: S always, A when scanning
-    assert np.flatnonzero(holds_in_states(graph, condition)).tolist() == [
-        3 * S + IDLE,
-        3 * S + SCANNING,
-        3 * A + SCANNING,
-    ]

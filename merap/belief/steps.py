@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from merap.concerns.combination import Combination, Condition, DeclaredCombination
-from merap.concerns.location_tables import location_scope
+from merap.concerns.location_tables import step_scope
 from merap.errors import InputError
 from merap.mdp.model import Bools, Floats, Ints
 from merap.mdp.reserved_names import MODE_VARIABLE
@@ -89,19 +89,6 @@ def holds_in_states(combination: DeclaredCombination, where: Expression) -> Bool
     return Steps(combination, states, np.zeros_like(states), states).holds(Condition(where=where))
 
 
-def goal_locations(combination: DeclaredCombination) -> Bools:
-    """bool [P], where the goal is, whatever else the state is; nowhere if it is not about locations alone."""
-    goal, count = combination.objective.goal, combination.space.num_locations
-    nowhere, here = np.zeros(count, dtype=np.bool_), np.arange(count)
-    if goal is None or not combination.space.located:
-        return nowhere
-    scope = scope_of(combination, here, here, here, here)
-    scope.pop(MODE_VARIABLE)
-    if any(variable.name not in scope for variable in variables(goal)):
-        return nowhere
-    return np.broadcast_to(evaluate(goal, scope), count)
-
-
 def scope_of(
     combination: DeclaredCombination, here: Ints, mode: Ints, there: Ints, mode_there: Ints
 ) -> dict[str, Column]:
@@ -114,12 +101,8 @@ def scope_of(
         there: int64 [B], the successor's location.
         mode_there: int64 [B], the successor's mode.
     """
-    scope = {
+    return {
         MODE_VARIABLE: Column.of(mode),
         f"{MODE_VARIABLE}'": Column.of(mode_there),
-        **location_scope(combination.space, here, there),
+        **step_scope(combination.space, combination.environment.attributes, here, there),
     }
-    for attribute in combination.environment.attributes:
-        scope[attribute.name] = attribute.column[here]
-        scope[f"{attribute.name}'"] = attribute.column[there]
-    return scope
