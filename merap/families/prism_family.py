@@ -13,8 +13,9 @@ from merap.concerns.schema import SystemSpec
 from merap.concerns.supports import Supports
 from merap.concerns.systems import SystemReader
 from merap.errors import InputError
+from merap.program.closing import closed
 from merap.program.expressions import Value
-from merap.program.form import Program, closed
+from merap.program.form import Program
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,8 +22,9 @@ from merap.families.prism_family_program import OpenProgram, open_program
 from merap.families.prism_family_texts import PrismText, ProgramSources
 from merap.mdp.short_repr import ShortRepr
 from merap.prism.user_templates import BranchingError
+from merap.program.closing import closed
 from merap.program.expressions import Constant, Table, Value, exact, substitute
-from merap.program.form import ConcernName, Program, closed
+from merap.program.form import ConcernName, Program
 from merap.program.names import suggestion
 from merap.program.parameters import parameters
 

@@ -16,6 +16,7 @@ from merap.concerns.schema_program import WrittenObjectiveSpec, WrittenRewardSpe
 from merap.errors import InputError
 from merap.mdp.reserved_names import COMPLETE_LABEL, END_ACTION, GOAL_LABEL, UNSAFE_LABEL
 from merap.mdp.short_repr import ShortRepr
+from merap.program.closing import with_expressions
 from merap.program.completion import completed, enabled
 from merap.program.expressions import (
     FALSE,
@@ -32,13 +33,7 @@ from merap.program.expressions import (
     substitute,
     with_parts,
 )
-from merap.program.form import (
-    ConcernName,
-    Program,
-    RewardItem,
-    RewardStructure,
-    with_expressions,
-)
+from merap.program.form import ConcernName, Program, RewardItem, RewardStructure
 from merap.program.names import suggestion, unique_name
 from merap.program.renaming import renamed
 from merap.program.unique_actions import unique_actions

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from merap.program.closing import with_expressions
 from merap.program.expressions import Expression, Variable, substitute
-from merap.program.form import Process, Program, with_expressions
+from merap.program.form import Process, Program
 
 _NOTHING: Mapping[str, str] = {}
 

@@ -27,10 +27,11 @@ from merap.mdp.comparison import compare
 from merap.prism.program_text import render_program
 from merap.prism.text_names import text_names, with_text_names
 from merap.program.arrays import tabular
+from merap.program.closing import closed
 from merap.program.completion import completed, enabled, negated
 from merap.program.exploration import Exploration, explore
 from merap.program.expressions import Constant, Value, fold
-from merap.program.form import Program, closed
+from merap.program.form import Program
 from merap.program.names import unique_name
 from merap.program.unique_actions import ambiguous_actions, unique_actions
 from scripts.bench.tables import Json, cell, timed, write_figures

@@ -25,9 +25,9 @@ from merap.mdp.index import new_index
 from merap.mdp.model import TabularMDP
 from merap.mdp.reserved_names import COMPLETE_LABEL
 from merap.program.arrays import tabular
+from merap.program.closing import closed
 from merap.program.exploration import explore
 from merap.program.expressions import Constant
-from merap.program.form import closed
 from scripts.bench.evidence import slippery_grid
 from scripts.bench.tables import Json, figures_by_name, show, timed, write_figures
 

@@ -17,8 +17,9 @@ from merap.checker.storm import StormModel, build_text
 from merap.mdp.model import Ints, TabularMDP
 from merap.mdp.umb import read_umb
 from merap.program.arrays import tabular
+from merap.program.closing import closed
 from merap.program.exploration import explore
-from merap.program.form import Program, closed
+from merap.program.form import Program
 from scripts.bench.evidence import evidence_figures
 from scripts.bench.growth import growth_figures
 from scripts.bench.learning import report

@@ -14,10 +14,11 @@ from merap.errors import InputError
 from merap.mdp.model import TabularMDP
 from merap.prism.program_text import render_program
 from merap.program.arrays import tabular
+from merap.program.closing import closed
 from merap.program.completion import completed, enabled
 from merap.program.exploration import explore
 from merap.program.expressions import Value, negation, render
-from merap.program.form import Program, closed
+from merap.program.form import Program
 from merap.program.unique_actions import ambiguous_actions, unique_actions
 from tests.support.explored import choices_of
 from tests.support.storm_choices import build, choices_of_storm

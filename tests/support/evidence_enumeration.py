@@ -9,8 +9,9 @@ from fractions import Fraction
 from typing import Any
 
 from merap.errors import InputError
+from merap.program.closing import closed
 from merap.program.expressions import Value
-from merap.program.form import Program, closed
+from merap.program.form import Program
 from tests.support.program_enumeration import BrokenError, State, enumerate_model, value_of
 
 Choice = tuple[str | None, dict[State, Fraction]]

@@ -11,9 +11,9 @@ import pytest
 from merap.checker.prism_reading import read_prism
 from merap.checker.storm import build_text
 from merap.program.arrays import tabular
+from merap.program.closing import closed
 from merap.program.exploration import explore
 from merap.program.expressions import Value
-from merap.program.form import closed
 from scripts.bench.evidence import slippery_grid
 from scripts.bench.program import CHAIN, GRID, export_mapped
 
