@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
 
 import numpy as np
 
@@ -24,11 +23,10 @@ from merap.concerns.reachability import leaves_goals_reachable
 from merap.concerns.resolution_context import ResolutionContext, frozen
 from merap.concerns.resolve_processes import process_entries, resolve_processes
 from merap.concerns.resolve_space import apply_settings
-from merap.concerns.schema import CaseSpec, EnvironmentSpec
+from merap.concerns.schema import CaseSpec
 from merap.concerns.schema_base import Box
 from merap.concerns.space import Attribute, Door
 from merap.mdp.model import Bools, Ints
-from merap.mdp.short_repr import ShortRepr
 from merap.program.names import suggestion
 
 BLOCKED = "blocked"
@@ -36,31 +34,24 @@ BLOCKED_EDGES = "blocked_edges"
 LOCKED = "locked"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class EnvironmentResolver(ShortRepr):
-    """Makes environments from parameter values; call it with a name and values."""
+class EnvironmentResolver:
+    """Makes environments from parameter values; call it with a name and values.
 
-    context: ResolutionContext
-    case: CaseSpec
-    _known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = field(default_factory=dict)
+    Raises:
+        InputError: an expression is wrong, or an attribute unknown.
+    """
 
-    @property
-    def spec(self) -> EnvironmentSpec:
-        """What the file says of the environment."""
-        return self.case.environment
-
-    @cached_property
-    def template(self) -> Environment:
-        """What the file says of the environment, its parameters without values."""
-        processes = resolve_processes(self.context, process_entries(self.case, "environment"))
-        return Environment("", {}, self.context.mask(()), self._no_edges, (), processes)
-
-    def __post_init__(self) -> None:
-        assert self.template is not None  # what is wrong with it is found here
-        known = [attribute.name for attribute in self.context.space.attributes]
+    def __init__(self, context: ResolutionContext, case: CaseSpec) -> None:
+        self.context = context
+        self.spec = case.environment
+        self._known_attributes: dict[tuple[ParameterValue, ...], tuple[Attribute, ...]] = {}
+        self._no_edges = frozen(np.zeros(context.space.target.shape, dtype=np.bool_))
+        processes = resolve_processes(context, process_entries(case, "environment"))
+        self.template = Environment("", {}, context.mask(()), self._no_edges, (), processes)
+        known = [attribute.name for attribute in context.space.attributes]
         for name in self.spec.attributes:
             if name not in known:
-                raise self.context.document.error(
+                raise context.document.error(
                     ("environment", "attributes", name),
                     f"unknown attribute {name!r}{suggestion(name, known)}",
                 )
@@ -99,10 +90,6 @@ class EnvironmentResolver(ShortRepr):
     def _locked(self, values: Values) -> list[Door]:
         held: tuple[int, ...] = values.get(LOCKED, ())  # type: ignore[assignment]
         return [self.context.space.doors[index] for index in held]
-
-    @cached_property
-    def _no_edges(self) -> Bools:
-        return frozen(np.zeros(self.context.space.target.shape, dtype=np.bool_))
 
     def _attributes(self, values: Values) -> tuple[Attribute, ...]:
         """Shared by all configurations that agree on what the attributes read."""

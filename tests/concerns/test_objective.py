@@ -33,6 +33,13 @@ def rows(mdp: TabularMDP, label: str) -> set[tuple[int, ...]]:
     return {tuple(row) for row in mdp.valuations[mdp.labels[label]][:, columns].tolist()}
 
 
+def test_no_location_is_none(tmp_path: Path) -> None:
+    unsafe = """unsafe: 'at([[0, 1], [1, 1]]) & !"loaded" & rain = wet'"""
+    text = replaced(COURIER, unsafe, "unsafe: {at: []}")
+    mdp = built(load_case(write_case(tmp_path, text)).combination("near.default.patient"))
+    assert not mdp.labels["unsafe"].any()
+
+
 def test_labels_are_conditions_that_others_read(tmp_path: Path) -> None:
     mdp = built(load_case(write_case(tmp_path, COURIER)).combination("near.default.patient"))
     states = {tuple(row) for row in mdp.valuations[:, :3].tolist()}
