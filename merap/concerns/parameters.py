@@ -29,11 +29,12 @@ Values: TypeAlias = Mapping[str, ParameterValue]
 
 
 def parse_value(of: ParameterType, raw: Any, space: Space) -> ParameterValue:
-    """Return the canonical form of a value of a parameter.
+    """Return the canonical form of a value of a parameter, from a file or as `present` has it.
 
     Raises:
         InputError: it is not in the domain, or names a location or edge that is not there.
     """
+    raw = _with_tuples(raw)
     if of.holds_locations:
         indices = find_locations(parse_location_set(raw), space)
         if of.is_set:
@@ -44,6 +45,11 @@ def parse_value(of: ParameterType, raw: Any, space: Space) -> ParameterValue:
     if of.name == "doors":
         return tuple(sorted(set(find_doors(raw, space))))
     return _parse_edges(raw, space) if of.is_set else of.parse(raw)
+
+
+def _with_tuples(raw: Any) -> Any:
+    """Return `raw` with its lists as tuples, as sequences of a file arrive."""
+    return tuple(map(_with_tuples, raw)) if isinstance(raw, list | tuple) else raw
 
 
 def parse_location_set(raw: Any) -> LocationSet:

@@ -78,6 +78,42 @@ def test_a_parameter_that_a_change_does_not_name_keeps_its_value(tmp_path: Path,
     assert after == {**before, "grip": 0.7}
 
 
+YARD = """\
+case: yard
+space:
+  grid: {rows: 2, cols: 3, moves: {east: [0, 1], west: [0, -1], south: [1, 0]}}
+  doors: {gate: {between: [[0, 0], [0, 1]], open: true}}
+environment:
+  parameters: {blocked: locations, blocked_edges: edges, locked: doors, wind: {probability: [0, 1]}}
+  configurations:
+    calm: {blocked: [[1, 1]], blocked_edges: [[[0, 1], [0, 2], east]], locked: [gate], wind: 0}
+capability:
+  actions: {east: {move: east, probability: 1 - wind}, west: {move: west}, wait: {}}
+objective:
+  parameters: {goal: location, worth: real}
+  start: [0, 0]
+  horizon: 5
+  rewards: [{to: goal, value: worth}]
+  configurations: {far: {goal: [0, 2], worth: 1}}
+"""
+
+
+def test_parameters_that_are_not_named_may_be_sets_and_cells(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(YARD, encoding="utf-8")
+    text = """\
+scenario: storm
+system: calm.default.far
+episodes: 4
+changes:
+  - {at: {episode: 1}, environment: {wind: 0.5}}
+  - {at: {episode: 2}, objective: {worth: 3}}
+"""
+    calm, windy, dear = (stage.system for stage in scenario(tmp_path, text).stages(load_case(tmp_path)))
+    assert windy.environment.parameters == {**calm.environment.parameters, "wind": 0.5}
+    assert dear.environment.parameters == windy.environment.parameters
+    assert dear.objective.parameters == {"goal": [0, 2], "worth": 3}
+
+
 @pytest.mark.parametrize(
     "system", ["b_blocked.speed_low.g2", "{environment: b_blocked, capability: speed_low, objective: g2}"]
 )
