@@ -10,7 +10,6 @@ from merap.checker.storm import StormModel, build_text, build_weighted
 from merap.concerns.combination import Combination
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb_names import rename_umb
-from merap.prism.rendering import render
 from merap.prism.text_names import text_names
 
 
@@ -52,7 +51,7 @@ def export_combination(combination: Combination, path: Path) -> None:
         ModelError: it is not sound.
         EngineError: Storm failed.
     """
-    build_text(render(combination), combination.name).export_umb(path)
+    build_text(model_text(combination).text, combination.name).export_umb(path)
     own = text_names(combination.program).back
     if own.actions or own.variables:
         rename_umb(path, own.actions, own.variables)

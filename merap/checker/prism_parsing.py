@@ -243,6 +243,7 @@ def _message(text: str) -> tuple[str, int | None]:
     """Return Storm's message in one line, and the line of the text that it means."""
     message = " ".join(line.strip(" \t^") for line in text.splitlines()).strip()
     found = re.search(r"(?:Parsing error at |[Ll]ine )(\d+)", message)
+    message = re.sub(r" \([^()]*, line \d+\)", "", message)  # the file that Storm read is none of the user's
     message = shortened(message.removeprefix("WrongFormatException: "), MAX_MESSAGE)
     return message, int(found[1]) if found else None
 

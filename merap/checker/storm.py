@@ -25,9 +25,9 @@ from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.errors import EngineError, InputError, ModelError
 from merap.mdp.matching import match_rows
 from merap.mdp.model import Floats, TabularMDP
+from merap.mdp.reserved_names import OBJECTIVE_REWARD
 from merap.mdp.umb import read_umb
 
-OBJECTIVE = "objective"
 OUT_OF_BOUNDS = "out_of_bounds"
 DEADLOCK = "deadlock"
 _NO_FILTER = re.compile(r"""\([^)]*\): Obtain the values of the '"init"'-states with """)
@@ -125,7 +125,7 @@ class StormModel:
                 stormpy.io.sparse_model_to_umb(self.model, options=options), path, options
             )
 
-    def mdp(self, reward: str | None = OBJECTIVE) -> TabularMDP:
+    def mdp(self, reward: str | None = OBJECTIVE_REWARD) -> TabularMDP:
         """Return the model as arrays, through a UMB archive that is mapped into memory.
 
         Args:
@@ -138,7 +138,7 @@ class StormModel:
 
     @property
     def _own_reward(self) -> str | None:
-        return OBJECTIVE if OBJECTIVE in self.model.reward_models else None
+        return OBJECTIVE_REWARD if OBJECTIVE_REWARD in self.model.reward_models else None
 
     def _read(self, reward: str | None) -> TabularMDP:
         with tempfile.TemporaryDirectory(prefix="merap-") as folder:

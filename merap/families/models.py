@@ -7,10 +7,9 @@ from dataclasses import replace
 from merap.checker.combination_model import build_combination
 from merap.concerns.combination import Combination
 from merap.mdp.model import TabularMDP
+from merap.mdp.reserved_names import OBJECTIVE_REWARD
 from merap.program.arrays import tabular
 from merap.program.exploration import explore
-
-OBJECTIVE = "objective"
 
 
 def built(combination: Combination) -> TabularMDP:
@@ -33,4 +32,4 @@ def explored(combination: Combination) -> TabularMDP:
         ModelError: a reachable state has no action, or something is undefined there.
     """
     program = combination.program
-    return tabular(program, explore(program), reward=OBJECTIVE)
+    return tabular(program, explore(program), reward=OBJECTIVE_REWARD)

@@ -174,10 +174,17 @@ class _Compiler(ShortRepr):
     def _defined(self, expression: Expression) -> Expression:
         """Put in what constants, formulas and labels of the text stand for; `at(..)` names no such thing."""
         if isinstance(expression, Variable):
-            return self._definitions.get(expression.name, expression)
+            return self._meaning(expression)
         if isinstance(expression, Operation) and expression.operator.startswith(AT):
             return expression
         return with_parts(expression, tuple(map(self._defined, parts(expression))))
+
+    def _meaning(self, variable: Variable) -> Expression:
+        if variable.name.startswith('"') and variable.name not in self._definitions:
+            labels = [name for name in self._definitions if name.startswith('"')]
+            known = suggestion(variable.name, labels)
+            raise InputError(f"unknown label {variable.name} at column {variable.column}{known}")
+        return self._definitions.get(variable.name, variable)
 
     def error(self, path: KeyPath, message: str) -> InputError:
         return self.context.document.error(("objective", *path), message)

@@ -11,3 +11,5 @@ COMPLETE_LABEL = "done"
 # Also the name of the parameter whose locations carry the label.
 GOAL_LABEL = "goal"
 UNSAFE_LABEL = "unsafe"
+# The reward structure of what the objective earns.
+OBJECTIVE_REWARD = "objective"

@@ -99,8 +99,7 @@ def _tabulated(expression: Expression, domains: Domains) -> tuple[list[str], Int
     names = sorted({variable.name for variable in variables(expression)})
     others = [name for name in names if name not in domains.location]
     axes = others if len(others) == len(names) else [*others, *domains.location]
-    levels = [domains[name].levels for name in axes]
-    sizes = [len(one.values) for one in levels]
+    sizes = [domains[name].size for name in axes]
     listed, cells = prod(sizes[: len(others)]), prod(sizes)
     if listed > MAX_TABLE or cells > MAX_CELLS:
         raise InputError(
@@ -108,8 +107,11 @@ def _tabulated(expression: Expression, domains: Domains) -> tuple[list[str], Int
             f"each location, and {MAX_CELLS} in all; let it read fewer values, or compare whole numbers"
         )
     scope = {
-        name: Column(one, np.arange(size).reshape([-1 if at == place else 1 for at in range(len(axes))]))
-        for place, (name, one, size) in enumerate(zip(axes, levels, sizes, strict=True))
+        name: Column(
+            domains[name].levels,
+            np.arange(size).reshape([-1 if at == place else 1 for at in range(len(axes))]),
+        )
+        for place, (name, size) in enumerate(zip(axes, sizes, strict=True))
     }
     values, codes = tabulate(expression, scope)
     return axes, np.broadcast_to(codes, sizes), values

@@ -172,6 +172,11 @@ def test_a_parameter_without_a_value_is_named(folder: Path) -> None:
         ("mdp\nmodule m\n x : bool;\nendmodule\nsystem m endsystem", 5, "`system ... endsystem`"),
         ("mdp\nmodule m\n x : bool;\n [] tru -> true;\nendmodule", 4, "tru"),
         ("mdp\nmodule m\n x : [0..2] init 0;\n [] x>> -> true;\nendmodule", 4, "error"),
+        (
+            "mdp\nmodule m\n x : [0..2] init 0;\nendmodule\ninit x=1 endinit",
+            3,
+            "Error for m.x: illegal to specify initial value",
+        ),
     ],
 )
 def test_what_cannot_be_read_is_refused_with_its_line(

@@ -73,7 +73,11 @@ OF_CASE = [
     ("unsafe: home & late", "unsafe: homes", "objective.unsafe: unknown variable 'homes' at column 1"),
     ("unsafe: home & late", "unsafe: x", "objective.unsafe: 'x' is a number, expected a bool"),
     ("unsafe: home & late", "unsafe: at(home)", "objective.unsafe: "),
-    ("""goal: '"goal"'""", """goal: '"gaol"'""", 'objective.goal: unknown label "gaol" at column 1'),
+    (
+        """goal: '"goal"'""",
+        """goal: '"gaol"'""",
+        """objective.goal: unknown label "gaol" at column 1; did you mean '"goal"'?""",
+    ),
     (
         "  reward: cost\n  sign: -1\n",
         "  rewards: [{action: goo, value: 1}]\n",

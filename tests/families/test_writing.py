@@ -51,7 +51,9 @@ def test_an_unsound_model_leaves_the_old_result_in_place(tmp_path: Path) -> None
     export_case(CASE, [first], tmp_path)
     before = contents(tmp_path)
     stuck = replace(first, capability=replace(first.capability, external=(), innate=None))
-    with pytest.raises(ModelError, match=r"state \(.*loc=0, mode=0\) has no action"):
+    with pytest.raises(
+        ModelError, match=r"state \(loc=S, mode=idle, done=false\) can be reached and has no action"
+    ):
         export_case(CASE, [first, stuck], tmp_path)
     assert contents(tmp_path) == before
 

@@ -112,3 +112,8 @@ def test_what_is_nowhere_defined_has_some_value_of_its_type() -> None:
     assert table_of(parse("1 / (m - m)"), DOMAINS) == Constant(Fraction(0))
     assert table_of(parse("1 / (m - m) > 1"), DOMAINS) == Constant(False)
     assert least_of(parse("1 / (m - m)"), DOMAINS) == 0
+
+
+def test_a_range_that_no_table_holds_is_refused_before_its_values_are_listed() -> None:
+    with pytest.raises(InputError, match="an expression over x has 4000000000001 cases"):
+        table_of(Variable("x", 1), Domains({"x": integer("x", 0, 4_000_000_000_000)}))
