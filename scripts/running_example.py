@@ -8,6 +8,7 @@ from pathlib import Path
 
 import merap
 from merap.cli.interruption import interruptible
+from merap.concerns.lookup import declared
 from merap.families import render_case
 from merap.report import draw_adaptation, draw_before_after, most_likely_path, save_figure
 from merap.strategies import Adaptation
@@ -48,7 +49,7 @@ def main() -> None:
     print(f"4. Met online, covered by a model: {covered.name}. Gradient steps from the meta policy:")
     _table(merap.adapt(run, covered, strategy="gradient", steps=5, seeds=SEEDS))
 
-    system = case.system("met")
+    system = declared(case.system("met"))
     print("5. Met online, not covered: location A is blocked, which no model foresaw; the goal is G3.")
     print("   Gradient steps alone (the meta policy goes through A and never sees another way pay):")
     by_gradient = merap.adapt(run, system, strategy="gradient", steps=5, seeds=SEEDS)

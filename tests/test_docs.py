@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from merap.checker.verdicts import verify
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from tests.support.command_line import merap
 from tests.support.paths import ROOT
 

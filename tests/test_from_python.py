@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import merap
+from merap.concerns.lookup import declared_case
 from merap.families import render_case
 from tests.support.paths import MODELS
 from tests.support.trained_runs import ONE_OF_THREE, SMALL, contents, what_was_learned
@@ -228,7 +229,7 @@ def test_everything_public_has_a_short_repr(made: Trained) -> None:
     combination = made.case.combination_at(0)
     base = merap.build_base(made.case)
     things = [
-        made.case, made.case.space, made.case.supports, made.run, made.run.config, combination,
+        made.case, declared_case(made.case).space, made.case.supports, made.run, made.run.config, combination,
         combination.environment, combination.capability, combination.objective, base, base.models[0],
         next(iter(merap.verify(combination))), adaptation, adaptation.runs[0], adaptation.conditions,
         merap.read_scenario(made.scenario), merap.run_loop(made.run, made.scenario), merap.TrainingConfig(),

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from itertools import islice
 from os import PathLike
 from pathlib import Path
+from typing import Generic
 
 import numpy as np
+from typing_extensions import TypeVar
 
 from merap.concerns.arguments import as_path, as_text
 from merap.concerns.checks import DistributionCheck, check_actions
@@ -39,10 +41,12 @@ from merap.program.names import suggestion
 DEFAULT_LIMIT = 10_000
 _NAMES_TO_COMPARE = 2000
 
+Member_co = TypeVar("Member_co", bound=Combination, default=Combination, covariant=True)
+
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CaseStudy(ShortRepr, ABC):
-    """A case file, of whatever kind, resolved.
+class CaseStudy(ShortRepr, ABC, Generic[Member_co]):
+    """A case file of whatever kind, resolved, with combinations of type `Member_co`.
 
     Attributes:
         name: of the case.
@@ -63,7 +67,7 @@ class CaseStudy(ShortRepr, ABC):
     actions: tuple[str, ...]
     discount: float
     supports: Supports[Configuration, Configuration, Objective]
-    systems: Mapping[str, Combination]
+    systems: Mapping[str, Member_co]
     digest: str
     warnings: tuple[str, ...]
     read_system: SystemReader = field(repr=False)
@@ -80,7 +84,7 @@ class CaseStudy(ShortRepr, ABC):
         environments, capabilities, objectives = self.shape
         return environments * capabilities * objectives
 
-    def combinations(self, limit: int = DEFAULT_LIMIT) -> Iterator[Combination]:
+    def combinations(self, limit: int = DEFAULT_LIMIT) -> Iterator[Member_co]:
         """Return all combinations in order: environment first, objective last and fastest.
 
         Raises:
@@ -94,7 +98,7 @@ class CaseStudy(ShortRepr, ABC):
             )
         return (self.combination_at(index) for index in range(self.size))
 
-    def combination_at(self, index: int) -> Combination:
+    def combination_at(self, index: int) -> Member_co:
         """The combination at `index` in the order of `combinations`.
 
         Raises:
@@ -110,7 +114,7 @@ class CaseStudy(ShortRepr, ABC):
         return self.combine(environment, capability, objective)
 
     @abstractmethod
-    def combine(self, environment: int, capability: int, objective: int) -> Combination:
+    def combine(self, environment: int, capability: int, objective: int) -> Member_co:
         """The combination of three configurations, by their indices.
 
         Raises:
@@ -136,7 +140,7 @@ class CaseStudy(ShortRepr, ABC):
         """
         return self.read_system.placed(document, place)(name, spec)
 
-    def sample(self, count: int, generator: np.random.Generator | int) -> list[Combination]:
+    def sample(self, count: int, generator: np.random.Generator | int) -> list[Member_co]:
         """Distinct combinations in random order, each set of `count` equally likely.
 
         All of them, shuffled, if there are no more than `count`. The generator may be given as its seed.
@@ -150,7 +154,7 @@ class CaseStudy(ShortRepr, ABC):
             drawn.update(dict.fromkeys(zip(*columns, strict=True)))
         return [self.combine(*indices) for indices in list(drawn)[:count]]
 
-    def combination(self, name: str) -> Combination:
+    def combination(self, name: str) -> Member_co:
         """The combination called `<environment>.<capability>.<objective>`.
 
         Raises:
@@ -183,7 +187,7 @@ class CaseStudy(ShortRepr, ABC):
         names = (f"{e}.{c}.{o}" for e in environments for c in listed[0] for o in listed[1])
         return [*self.systems, *islice(names, _NAMES_TO_COMPARE)]
 
-    def system(self, name: str) -> Combination:
+    def system(self, name: str) -> Member_co:
         """The online system called `name`, or the combination.
 
         Raises:
@@ -209,7 +213,7 @@ class CaseStudy(ShortRepr, ABC):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class DeclaredCase(CaseStudy):
+class DeclaredCase(CaseStudy[DeclaredCombination]):
     """A case in the case language.
 
     Attributes:
@@ -220,7 +224,6 @@ class DeclaredCase(CaseStudy):
     space: Space
     modes: tuple[str, ...]
     supports: DeclaredSupports
-    systems: Mapping[str, DeclaredCombination]
     read_system: DeclaredSystemReader = field(repr=False)
 
     def combine(self, environment: int, capability: int, objective: int) -> DeclaredCombination:
@@ -231,7 +234,7 @@ class DeclaredCase(CaseStudy):
         )
 
 
-def load_case(path: str | PathLike[str]) -> DeclaredCase:
+def load_declared_case(path: str | PathLike[str]) -> DeclaredCase:
     """Load a case file, or `case.yaml` of a folder.
 
     Raises:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from os import PathLike
 
-from merap.concerns import case_study
 from merap.concerns.arguments import as_path
-from merap.concerns.case_study import CaseStudy
+from merap.concerns.case_study import CaseStudy, load_declared_case
 from merap.concerns.loading import read_document_of
 from merap.families.prism_family_loading import load_written
 
@@ -21,4 +20,4 @@ def load_case(path: str | PathLike[str]) -> CaseStudy:
     file, document = read_document_of(as_path(path, "case"))
     if "program" in document.data:
         return load_written(file, document)
-    return case_study.load_case(file)
+    return load_declared_case(file)

@@ -66,7 +66,7 @@ class WrittenCombination(Combination):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class WrittenCase(CaseStudy):
+class WrittenCase(CaseStudy[WrittenCombination]):
     """A case whose models are PRISM text.
 
     Attributes:

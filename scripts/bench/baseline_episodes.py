@@ -58,8 +58,15 @@ class Steps:
         return (values * self.weight).sum(dim=1) / self.weight.sum(dim=1)
 
 
-def make_world(models: Sequence[TabularMDP], horizon: int, episodes: int) -> World:
-    """Make an environment for every episode of an update, whichever tasks it draws."""
+def make_world(models: Sequence[TabularMDP], horizons: Sequence[int], episodes: int) -> World:
+    """Make an environment for every episode of an update, whichever tasks it draws.
+
+    Raises:
+        InputError: the tasks differ in their horizons, or an action is disabled where another is enabled.
+    """
+    if len(set(horizons)) > 1:
+        raise InputError(f"the baseline knows one horizon, and the tasks have {sorted(set(horizons))}")
+    horizon = horizons[0]
     envs = [[MDPEnv(model, horizon) for _ in range(episodes)] for model in models]
     acting = models[0].enabled[:, :-1]
     if not (acting.all(axis=1) | ~acting.any(axis=1)).all():

@@ -25,8 +25,8 @@ import typer
 from gymnasium.vector import SyncVectorEnv
 from torch import Tensor
 
-from merap.concerns.case_study import load_case
 from merap.families.build import build_base
+from merap.families.loading import load_case
 from merap.learning.policy import Parameters
 from scripts.bench.baseline_episodes import (
     Settings,
@@ -174,7 +174,7 @@ def main(
     torch.set_num_threads(threads)
     settings = Settings()
     base = build_base(load_case(case))
-    world = make_world(base.models, base.horizon, settings.episodes)
+    world = make_world(base.models, base.horizons, settings.episodes)
     generator = torch.Generator().manual_seed(seed)
     theta = initial_policy(world, generator)
     measured = []

@@ -21,7 +21,7 @@ import typer
 from rich.progress import track
 
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from scripts.bench.belief_quality import BeliefProblem, belief_problem, drawn_figures
 from scripts.bench.following import CONDITIONS, Lengths, NoiseCondition
 from scripts.bench.tables import Json, show, table, write_figures
@@ -72,7 +72,7 @@ def speed(json_file: Json = None, episodes: int = 5) -> None:
         path = Path(folder) / "large.yaml"
         path.write_text((MODELS / name).read_text(encoding="utf-8").replace(small, large), encoding="utf-8")
         began = time.perf_counter()
-        problem = belief_problem(load_case(path), CONDITIONS[-1])
+        problem = belief_problem(load_declared_case(path), CONDITIONS[-1])
         seconds = {"prepare": [time.perf_counter() - began], **_timed(problem, episodes)}
     rows = [
         {"call": call, "longest": max(each), "mean": statistics.mean(each), "calls": len(each)}

@@ -15,8 +15,7 @@ import numpy as np
 
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.lookup import declared_case
+from merap.concerns.case_study import DeclaredCase
 from merap.families.index import family_index, index_kinds
 from merap.strategies.evaluation import Run
 from merap.strategies.ground_truth import GroundTruth, ground_truth
@@ -47,12 +46,12 @@ class BeliefProblem:
         )
 
 
-def belief_problem(case: CaseStudy, condition: NoiseCondition) -> BeliefProblem:
+def belief_problem(case: DeclaredCase, condition: NoiseCondition) -> BeliefProblem:
     """Make the problem of the system `met` of a case."""
     system = case.system("met")
     truth = ground_truth(system, condition.slip)
     index = family_index(index_kinds([system.program]), case.actions, [truth.whole])
-    return BeliefProblem(truth, condition, hypothesis_space(declared_case(case), index=index))
+    return BeliefProblem(truth, condition, hypothesis_space(case, index=index))
 
 
 def followed_belief(problem: BeliefProblem, seed: int, lengths: Lengths) -> tuple[Run, BeliefStrategy]:

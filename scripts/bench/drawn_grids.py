@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.mdp.model import Floats
 
 SIZES = range(6, 15)
@@ -57,7 +57,7 @@ online:
 """
 
 
-def drawn_case(number: int, folder: Path) -> CaseStudy:
+def drawn_case(number: int, folder: Path) -> DeclaredCase:
     """Return the case with that number; its file is written into a folder that exists.
 
     Args:
@@ -66,7 +66,7 @@ def drawn_case(number: int, folder: Path) -> CaseStudy:
     """
     path = folder / f"drawn_{number}.yaml"
     path.write_text(drawn_text(number), encoding="utf-8")
-    return load_case(path)
+    return load_declared_case(path)
 
 
 def drawn_text(number: int) -> str:

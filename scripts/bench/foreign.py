@@ -28,9 +28,9 @@ from merap.prism.program_text import render_program
 from merap.prism.text_names import text_names, with_text_names
 from merap.program.arrays import tabular
 from merap.program.closing import closed
-from merap.program.completion import completed, enabled, negated
+from merap.program.completion import completed, enabled
 from merap.program.exploration import Exploration, explore
-from merap.program.expressions import Constant, Value, fold
+from merap.program.expressions import Constant, Value, fold, negation
 from merap.program.form import Program
 from merap.program.names import unique_name
 from merap.program.unique_actions import ambiguous_actions, unique_actions
@@ -171,7 +171,7 @@ def text_difference(program: Program, explored: Exploration) -> str | None:
     """Return how exploration and Storm's build of our own text differ; None: not at all."""
     unique = unique_actions(program, ambiguous_actions(explored))
     last = unique_name("last", {process.name for process in unique.processes})
-    whole = completed(unique, negated(enabled(unique)), last)
+    whole = completed(unique, negation(enabled(unique)), last)
     text = render_program(whole)
     named = with_text_names(whole, text_names(whole))
     found, storm = explore(named), build_text(text, program.name)

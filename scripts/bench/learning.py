@@ -12,8 +12,8 @@ from typing import Annotated
 import torch
 import typer
 
-from merap.concerns.case_study import load_case
 from merap.families.build import build_base
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.learning.episodes import rollout
 from merap.learning.exact import expected_return
@@ -37,8 +37,8 @@ def learning(
 ) -> None:
     """Time updates against a baseline on SyncVectorEnv, side by side; time to equal adaptation quality."""
     base = build_base(load_case(baseline_maml.CASE))
-    tasks = task_batch(base.models, base.horizon, base.discount)
-    world = baseline_episodes.make_world(base.models, base.horizon, baseline_episodes.Settings().episodes)
+    tasks = task_batch(base.models, base.horizons, base.discount)
+    world = baseline_episodes.make_world(base.models, base.horizons, baseline_episodes.Settings().episodes)
     figures = _speed(world, tasks, rounds) | _quality(world, tasks, rounds, training_seeds)
     report(f"learning on {base.case}", figures, json_file)
 

@@ -15,7 +15,7 @@ import typer
 from rich.progress import track
 from rich.table import Table
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.registry import BELIEF

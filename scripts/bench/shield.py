@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from scripts.bench.shield_adaptation import ADAPTING, STRATEGIES, adaptation_figures
 from scripts.bench.shield_quality import SETTINGS, shield_figures
 from scripts.bench.tables import Json, show, table, write_figures
@@ -46,7 +46,9 @@ ADAPTING_COLUMNS = {
 def adapting_rows(episodes: int = 200, seed: int = 0) -> list[dict[str, Any]]:
     """Adapt with and without the product's shield; return a row for each strategy and threshold."""
     return [
-        adaptation_figures(load_case(MODELS / one.case), one.system, strategy, threshold, episodes, seed)
+        adaptation_figures(
+            load_declared_case(MODELS / one.case), one.system, strategy, threshold, episodes, seed
+        )
         for one in ADAPTING
         for strategy in STRATEGIES
         for threshold in (None, one.threshold)
@@ -58,7 +60,7 @@ def shield_rows(episodes: int = 10_000, seed: int = 0) -> list[dict[str, Any]]:
     rows = []
     for (name, system), settings in groupby(SETTINGS, key=lambda one: (one.case, one.system)):
         thresholds = [one.threshold for one in settings]
-        rows += list(shield_figures(load_case(MODELS / name), system, thresholds, episodes, seed))
+        rows += list(shield_figures(load_declared_case(MODELS / name), system, thresholds, episodes, seed))
     return rows
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import CaseStudy
+from merap.concerns.case_study import DeclaredCase
 from merap.mapek.managers import RandomStrategy
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.shielded_strategy import ShieldedStrategy
@@ -37,7 +37,12 @@ EPISODES = 10
 
 
 def adaptation_figures(
-    case: CaseStudy, system: str, strategy: str, threshold: float | None, episodes: int = 200, seed: int = 0
+    case: DeclaredCase,
+    system: str,
+    strategy: str,
+    threshold: float | None,
+    episodes: int = 200,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """Return a row of adaptations of `EPISODES` episodes each; equal seeds for every threshold.
 
@@ -72,7 +77,7 @@ def adaptation_figures(
 
 
 def _adapted(
-    case: CaseStudy,
+    case: DeclaredCase,
     space: HypothesisSpace,
     system: str,
     strategy: str,

@@ -17,7 +17,8 @@ import typer
 from rich.progress import track
 from rich.table import Table
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
+from merap.families.loading import load_case
 from merap.mdp.model import Floats
 from merap.report.saving import save_figure
 from merap.trigger.readings import Readings

@@ -22,17 +22,17 @@ ESTIMATORS = {"exact": 20, "sampled": 5}  # updates of a round
 WORKER = """
 import sys
 from pathlib import Path
+from merap.families.build import build_base
 try:
-    from merap.families.build import build_base
-except ModuleNotFoundError:  # before the rooms were moved
-    from merap.base.build import build_base
-from merap.concerns.case_study import load_case
+    from merap.families.loading import load_case
+except ModuleNotFoundError:  # before there were cases as PRISM text
+    from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
 from merap.learning.tasks import task_batch
 from merap.learning.training import initial_state, policy_network, updates
 
 base = build_base(load_case(Path(sys.argv[1])))
-tasks = task_batch(base.models, base.horizon, base.discount)
+tasks = task_batch(base.models, getattr(base, "horizons", None) or base.horizon, base.discount)
 rows = {}
 for estimator in ("exact", "sampled"):
     config = TrainingConfig(estimator=estimator, updates=10**9)

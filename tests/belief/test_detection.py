@@ -10,7 +10,7 @@ from merap.belief.posterior import concern_weights, prior_belief
 from merap.belief.space import hypothesis_space
 from merap.belief.strategy import BeliefStrategy
 from merap.belief.update import observe_detections
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.concerns.combination import ResetMode
 from merap.mdp.model import Floats
 from merap.strategies.protocol import episode
@@ -39,7 +39,7 @@ SLOPING = (
 def test_the_weights_after_readings_are_as_right_as_the_detector(tmp_path: Path) -> None:
     # Calibration: readings are drawn by the other module. Over draws from the prior, the weight that the
     # belief gives to what is there averages to the mean of the squared weights (both are E[sum w^2]).
-    case = load_case(write_case(tmp_path, SENSING))
+    case = load_declared_case(write_case(tmp_path, SENSING))
     space = hypothesis_space(case)
     generator = np.random.default_rng(0)
     right, expected = [], []
@@ -60,7 +60,7 @@ def test_the_weights_after_readings_are_as_right_as_the_detector(tmp_path: Path)
 
 
 def test_a_reading_of_a_real_attribute_is_right_or_means_nothing(tmp_path: Path) -> None:
-    space = hypothesis_space(load_case(write_case(tmp_path, SLOPING)))
+    space = hypothesis_space(load_declared_case(write_case(tmp_path, SLOPING)))
     prior = prior_belief(space)
     before = concern_weights(space, prior)[0]
     of_none = concern_weights(space, observe_detections(space, prior, {"level": {"A": 0.123}}))[0]
@@ -71,7 +71,7 @@ def test_a_reading_of_a_real_attribute_is_right_or_means_nothing(tmp_path: Path)
 
 
 def test_a_lidar_lays_the_blame_on_the_environment() -> None:
-    case = load_case(RUNNING)
+    case = load_declared_case(RUNNING)
     space, system = hypothesis_space(case), case.system("met")
     horizon = system.objective.horizon
     outside = []
@@ -91,7 +91,7 @@ def test_a_lidar_lays_the_blame_on_the_environment() -> None:
 
 @pytest.mark.parametrize("reset", ["return_to_start", "none"])
 def test_systems_that_can_not_be_reset_are_learned_about_too(reset: ResetMode) -> None:
-    case = load_case(RUNNING)
+    case = load_declared_case(RUNNING)
     space, system = hypothesis_space(case), case.system("met")
     horizon = system.objective.horizon
     strategy = BeliefStrategy(space, horizon, np.random.default_rng(0))

@@ -9,7 +9,7 @@ from merap.belief.actions import action_tables
 from merap.belief.outside import Outside
 from merap.belief.posterior import weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from tests.support.belief_routes import STRIP, inferred, log_likelihood, trajectory
 from tests.support.case_examples import GRAPH, replaced, write_case
@@ -24,15 +24,15 @@ def kind(space: HypothesisSpace, name: str) -> int:
 
 
 def test_a_deterministic_case_has_none() -> None:
-    space = hypothesis_space(load_case(MODELS / "paper-grid" / "rq1-1.yaml"))
+    space = hypothesis_space(load_declared_case(MODELS / "paper-grid" / "rq1-1.yaml"))
     assert space.outcome_names == ("as the base says", "slip 0.05", "slip 0.1", "slip 0.2", "slip 0.4")
 
 
 def test_other_odds_weigh_what_a_whole_model_with_them_does(tmp_path: Path) -> None:
     # Second route: the case written anew. Odds of 3 to 1 times 3 are 9 to 1.
     (tmp_path / "other").mkdir()
-    case = load_case(write_case(tmp_path, STRIP))
-    other = load_case(write_case(tmp_path / "other", STRIP.replace("0.75", "0.9")))
+    case = load_declared_case(write_case(tmp_path, STRIP))
+    other = load_declared_case(write_case(tmp_path / "other", STRIP.replace("0.75", "0.9")))
     space = hypothesis_space(case, Outside(odds=(3.0,)), noise=NOISE)
     # Every known environment has one closed cell; b leaves r0c1 open, so that `up` is worth a try.
     actual = other.combination("b.full.right")
@@ -59,11 +59,11 @@ def test_other_odds_weigh_what_a_whole_model_with_them_does(tmp_path: Path) -> N
 def test_a_parameter_takes_another_value(
     tmp_path: Path, name: str, old: tuple[str, str], new: tuple[str, str]
 ) -> None:
-    space = hypothesis_space(load_case(MODELS / "running-example"))
+    space = hypothesis_space(load_declared_case(MODELS / "running-example"))
     text = RUNNING
     for before, after in zip(old, new, strict=True):
         text = text.replace(before, after)
-    other = load_case(write_case(tmp_path, text))
+    other = load_declared_case(write_case(tmp_path, text))
     expected = action_tables([[other.combine(0, 0, 0), other.combine(0, 1, 0)]])
     disturbed = int(space.disturbance[kind(space, f"odds of {name} times 10")])
     for mine, theirs in zip(space.actions, expected, strict=True):
@@ -71,7 +71,7 @@ def test_a_parameter_takes_another_value(
 
 
 def test_every_disturbance_is_a_distribution_wherever_an_action_is_enabled() -> None:
-    space = hypothesis_space(load_case(MODELS / "running-example"))
+    space = hypothesis_space(load_declared_case(MODELS / "running-example"))
     for table in space.actions:
         total = table.prob.sum(axis=-1)
         np.testing.assert_allclose(
@@ -82,8 +82,8 @@ def test_every_disturbance_is_a_distribution_wherever_an_action_is_enabled() -> 
 def test_worse_motors_than_any_in_the_base_are_noticed(tmp_path: Path) -> None:
     # The scanner's odds are 1 to 9 instead of 9 or 3 to 1: with 200 measurements the posterior odds against
     # any base capability are beyond e^100 but for a chance of less than e^-50.
-    case = load_case(MODELS / "running-example")
-    other = load_case(write_case(tmp_path, RUNNING.replace("focus: 0.9", "focus: 0.1")))
+    case = load_declared_case(MODELS / "running-example")
+    other = load_declared_case(write_case(tmp_path, RUNNING.replace("focus: 0.9", "focus: 0.1")))
     seen = trajectory(other.combination("b_blocked.speed_low.g1"), 600, NOISE, np.random.default_rng(1))
     space = hypothesis_space(case, noise=NOISE)
     kinds = weights(inferred(case, space, seen))[0].sum(axis=(0, 1))
@@ -92,6 +92,6 @@ def test_worse_motors_than_any_in_the_base_are_noticed(tmp_path: Path) -> None:
 
 
 def test_concerns_that_read_each_other_are_refused(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, replaced(GRAPH, "{value: -1}", "{value: -lamp}")))
+    case = load_declared_case(write_case(tmp_path, replaced(GRAPH, "{value: -1}", "{value: -lamp}")))
     with pytest.raises(InputError, match="takes no case whose concerns read each other's parameters"):
         hypothesis_space(case)

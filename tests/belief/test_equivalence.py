@@ -9,7 +9,7 @@ import pytest
 from merap.belief.equivalence import EquivalenceClass, alike_for_good, alike_so_far
 from merap.belief.posterior import prior_belief, weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy, load_declared_case
 from merap.mdp.comparison import compare
 from tests.support.belief_routes import STRIP, inferred, log_likelihood, trajectory
 from tests.support.case_examples import write_case
@@ -58,7 +58,7 @@ def grouped(case: CaseStudy) -> set[frozenset[str]]:
 
 
 def test_for_good_are_those_whose_whole_models_are_equal(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, CASE))
+    case = load_declared_case(write_case(tmp_path, CASE))
     space = hypothesis_space(case)
     found = alike_for_good(space, prior_belief(space), 100)
     assert known(space, found.dynamics) == grouped(case)
@@ -77,7 +77,7 @@ def product_names(environments: tuple[str, ...], capabilities: tuple[str, ...]) 
 def test_a_detector_of_obstacles_tells_them_apart_if_it_can_come_near(
     tmp_path: Path, detector_range: int, told: bool
 ) -> None:
-    case = load_case(write_case(tmp_path, seeing(detector_range)))
+    case = load_declared_case(write_case(tmp_path, seeing(detector_range)))
     space = hypothesis_space(case)
     found = known(space, alike_for_good(space, prior_belief(space), 100).dynamics)
     assert (frozenset({"none.lame"}) in found) == told
@@ -88,7 +88,7 @@ def test_a_detector_of_obstacles_tells_them_apart_if_it_can_come_near(
 def test_goals_that_nobody_can_reach_are_alike(tmp_path: Path) -> None:
     text = STRIP.replace("up: [-1, 0], ", "").replace("    up: {move: up, probability: 0.75}\n", "")
     text = text.replace("start: [0, 0]", "start: [1, 0]")
-    case = load_case(write_case(tmp_path, text))
+    case = load_declared_case(write_case(tmp_path, text))
     space = hypothesis_space(case)
     objectives = alike_for_good(space, prior_belief(space), 100).objective
     # Without a way up, the cells of the first row are out of reach from r1c0: three goals are one.
@@ -97,7 +97,7 @@ def test_goals_that_nobody_can_reach_are_alike(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_so_far_are_those_with_the_same_likelihood(tmp_path: Path, seed: int) -> None:
-    case = load_case(write_case(tmp_path, CASE))
+    case = load_declared_case(write_case(tmp_path, CASE))
     space = hypothesis_space(case, noise=NOISE)
     seen = trajectory(case.combination("b.full.right"), 6, NOISE, np.random.default_rng(seed))
     belief = inferred(case, space, seen)
@@ -116,7 +116,7 @@ def test_so_far_are_those_with_the_same_likelihood(tmp_path: Path, seed: int) ->
 
 
 def test_before_anything_is_seen_all_are_alike() -> None:
-    space = hypothesis_space(load_case(MODELS / "paper-grid" / "rq1-4.yaml"))
+    space = hypothesis_space(load_declared_case(MODELS / "paper-grid" / "rq1-4.yaml"))
     found = alike_so_far(space, prior_belief(space), 100)
     assert [one.size for one in found.dynamics] == [1002 * 4]
     assert [one.size for one in found.objective] == [81]

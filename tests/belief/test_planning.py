@@ -10,7 +10,7 @@ from merap.belief.model import mean_model, sampled_model, tabular
 from merap.belief.planning import information_price, objective_information, plan
 from merap.belief.posterior import prior_belief
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.families.models import built, explored
 from merap.mdp.comparison import compare
 from merap.mdp.planning import backward_induction
@@ -31,7 +31,7 @@ def certain(space: HypothesisSpace, environment: int, capability: int, objective
 
 @pytest.mark.parametrize("index", range(8))
 def test_a_belief_that_is_certain_has_the_model_that_storm_builds(tmp_path: Path, index: int) -> None:
-    case = load_case(write_case(tmp_path, GRAPH))
+    case = load_declared_case(write_case(tmp_path, GRAPH))
     e, c, o = np.unravel_index(index, case.shape)
     space = certain(hypothesis_space(case), int(e), int(c), int(o))
     belief = prior_belief(space)
@@ -51,7 +51,7 @@ def test_a_belief_that_is_certain_has_the_model_that_storm_builds(tmp_path: Path
 
 def test_the_plan_is_that_of_the_tabular_mean() -> None:
     # Second route: `backward_induction` on the mean as a TabularMDP.
-    case = load_case(MODELS / "running-example")
+    case = load_declared_case(MODELS / "running-example")
     space = hypothesis_space(case)
     model = mean_model(space, prior_belief(space))
     theirs = backward_induction(tabular(space, model, space.initial), 40)
@@ -59,7 +59,7 @@ def test_the_plan_is_that_of_the_tabular_mean() -> None:
 
 
 def test_the_mean_is_the_average_of_samples(tmp_path: Path) -> None:
-    space = hypothesis_space(load_case(write_case(tmp_path, STRIP)))
+    space = hypothesis_space(load_declared_case(write_case(tmp_path, STRIP)))
     belief = prior_belief(space)
     generator = np.random.default_rng(1)
     samples = np.array([sampled_model(space, belief, generator).prob for _ in range(600)])
@@ -69,7 +69,7 @@ def test_the_mean_is_the_average_of_samples(tmp_path: Path) -> None:
 
 
 def test_information_is_the_entropy_of_what_a_step_shows(tmp_path: Path) -> None:
-    space = hypothesis_space(load_case(write_case(tmp_path, STRIP)))
+    space = hypothesis_space(load_declared_case(write_case(tmp_path, STRIP)))
     belief = prior_belief(space)
     told = objective_information(space, belief, mean_model(space, belief))
     # At a goal of the base, probability 0.475: any action ends the task there, and nowhere else.
@@ -79,7 +79,7 @@ def test_information_is_the_entropy_of_what_a_step_shows(tmp_path: Path) -> None
 
 
 def test_knowing_the_objective_is_worth_nothing_if_it_is_known(tmp_path: Path) -> None:
-    space = certain(hypothesis_space(load_case(write_case(tmp_path, STRIP))), 0, 0, 0)
+    space = certain(hypothesis_space(load_declared_case(write_case(tmp_path, STRIP))), 0, 0, 0)
     belief = prior_belief(space)
     model = mean_model(space, belief)
     assert information_price(space, belief, model, plan(model, 8), space.initial) == 0
@@ -88,7 +88,7 @@ def test_knowing_the_objective_is_worth_nothing_if_it_is_known(tmp_path: Path) -
 
 def test_knowing_the_objective_is_worth_the_gap_to_the_informed(tmp_path: Path) -> None:
     # By hand, with everything open and sure but the goal, and 8 steps: r0c2 is 2 steps away, r1c2 is 3.
-    case = load_case(write_case(tmp_path, STRIP))
+    case = load_declared_case(write_case(tmp_path, STRIP))
     space = hypothesis_space(case)
     prior = np.full_like(space.prior, -np.inf)
     prior[-1, 0, 0] = 0.0

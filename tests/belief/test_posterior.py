@@ -11,8 +11,8 @@ from merap.belief.outside import Outside
 from merap.belief.posterior import concern_weights, prior_belief, reweighted, weights
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.update import ObservedStep, observe_detections, observe_step
-from merap.concerns.case_study import CaseStudy, load_case
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import DeclaredCase, load_declared_case
+from merap.concerns.combination import DeclaredCombination
 from merap.errors import InputError
 from merap.mdp.model import Floats
 from tests.support.belief_routes import STRIP, Seen, inferred, joint, log_likelihood, trajectory
@@ -31,7 +31,7 @@ def normalised(log: Floats) -> Floats:
 def test_weights_in_the_base_are_those_of_whole_models(tmp_path: Path, seed: int) -> None:
     # Second route: each combination explored. The case has attributes that differ, blocked
     # edges, an automaton, actions with two moves, and ends that read attributes of the successor.
-    case = load_case(write_case(tmp_path, GRAPH))
+    case = load_declared_case(write_case(tmp_path, GRAPH))
     generator = np.random.default_rng(seed)
     actual = case.combination_at(int(generator.integers(case.size)))
     seen = trajectory(actual, 12, NOISE, generator)
@@ -78,7 +78,7 @@ def test_what_couples_dynamics_and_objective_is_kept_exactly(tmp_path: Path) -> 
 
     By hand, too: to the right 1/2, 9/10 and 1/2 where it is free, else never; down 1/2, 1/10, never.
     """
-    case = load_case(write_case(tmp_path, DRIFT))
+    case = load_declared_case(write_case(tmp_path, DRIFT))
     space = hypothesis_space(case, noise=NOISE)
     ended = Seen((0, 1), ObservedStep(0, 1, space.num_states, -0.5))
     environments, capabilities, objectives = case.shape
@@ -97,7 +97,7 @@ def test_what_couples_dynamics_and_objective_is_kept_exactly(tmp_path: Path) -> 
 
 def test_an_unlikely_environment_stays_in_play_until_it_is_beyond_recall() -> None:
     """Odds of e^-59 can be made up for by what is seen later, those of e^-61 are given up."""
-    space = hypothesis_space(load_case(MODELS / "paper-grid/rq1-4.yaml"))
+    space = hypothesis_space(load_declared_case(MODELS / "paper-grid/rq1-4.yaml"))
     prior = prior_belief(space)
     for nats, kept in ((-59.0, True), (-61.0, False)):
         told = np.full_like(prior.dynamics, nats)
@@ -107,7 +107,7 @@ def test_an_unlikely_environment_stays_in_play_until_it_is_beyond_recall() -> No
         assert (len(reweighted(prior, told, None).environments) > 1) is kept
 
 
-def closed_everywhere(case: CaseStudy, closed: tuple[int, ...], goal: int) -> Combination:
+def closed_everywhere(case: DeclaredCase, closed: tuple[int, ...], goal: int) -> DeclaredCombination:
     """All closed locations as obstacles: whose fault it is makes no difference to a model."""
     template = case.combine(0, 0, 0)
     mask = np.zeros(case.space.num_locations, dtype=np.bool_)
@@ -121,7 +121,7 @@ def closed_everywhere(case: CaseStudy, closed: tuple[int, ...], goal: int) -> Co
     )
 
 
-def enumerated(case: CaseStudy, space: HypothesisSpace, seen: list[Seen]) -> Floats:
+def enumerated(case: DeclaredCase, space: HypothesisSpace, seen: list[Seen]) -> Floats:
     """[E, C, W, O] by enumeration of every set of closed cells under every unknown."""
     cells, known = case.space.num_locations, {}
     goals = [
@@ -151,7 +151,7 @@ def enumerated(case: CaseStudy, space: HypothesisSpace, seen: list[Seen]) -> Flo
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_weights_outside_the_base_are_those_of_every_set_of_closed_cells(tmp_path: Path, seed: int) -> None:
-    case = load_case(write_case(tmp_path, STRIP))
+    case = load_declared_case(write_case(tmp_path, STRIP))
     seen = trajectory(case.system("met"), 14, NOISE, np.random.default_rng(seed))
     space = hypothesis_space(case, Outside(slips=(0.2,), odds=(), closed=0.15), noise=NOISE)
     found = joint(space, inferred(case, space, seen))
@@ -159,7 +159,7 @@ def test_weights_outside_the_base_are_those_of_every_set_of_closed_cells(tmp_pat
 
 
 def test_the_prior_is_what_is_declared(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, STRIP))
+    case = load_declared_case(write_case(tmp_path, STRIP))
     declared = Outside(environment=0.1, capability=0.2, objective=0.3, slip=0.4, outcomes=0.2)
     space = hypothesis_space(case, declared)
     environment, capability, objective = concern_weights(space, prior_belief(space))
@@ -173,7 +173,7 @@ def test_the_prior_is_what_is_declared(tmp_path: Path) -> None:
 
 def test_support_of_the_paper_is_kept_whole() -> None:
     # 27,027 combinations: shared/paper, RQ1-4. Four obstacles of fourteen, three capabilities.
-    space = hypothesis_space(load_case(MODELS / "paper-grid" / "rq1-4.yaml"))
+    space = hypothesis_space(load_declared_case(MODELS / "paper-grid" / "rq1-4.yaml"))
     assert (len(space.environment_names) - 1) * (len(space.capability_names) - 1) * 9 == 27_027
     belief = prior_belief(space)
     right = space.case.actions.index("right")
@@ -186,7 +186,7 @@ def test_support_of_the_paper_is_kept_whole() -> None:
 
 
 def test_an_obstacle_and_no_entry_share_the_blame_as_in_the_prior(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, STRIP.replace("a: {blocked: [[0, 1]]}, ", "")))
+    case = load_declared_case(write_case(tmp_path, STRIP.replace("a: {blocked: [[0, 1]]}, ", "")))
     space = hypothesis_space(case, Outside(environment=0.1, capability=0.1, closed=0.2))
     belief = prior_belief(space)
     left = case.actions.index("down")
@@ -199,7 +199,7 @@ def test_an_obstacle_and_no_entry_share_the_blame_as_in_the_prior(tmp_path: Path
 
 
 def test_an_impossible_observation_is_left_out_and_counted(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, STRIP))
+    case = load_declared_case(write_case(tmp_path, STRIP))
     space = hypothesis_space(case)
     belief = prior_belief(space)
     after = observe_step(space, belief, ObservedStep(0, 0, 5, -0.5))
@@ -208,7 +208,7 @@ def test_an_impossible_observation_is_left_out_and_counted(tmp_path: Path) -> No
 
 
 def test_noise_is_estimated(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, STRIP))
+    case = load_declared_case(write_case(tmp_path, STRIP))
     space = hypothesis_space(case)
     generator = np.random.default_rng(0)
     belief = prior_belief(space)
@@ -220,7 +220,7 @@ def test_noise_is_estimated(tmp_path: Path) -> None:
 
 
 def test_a_detector_of_obstacles_says_which_concern_it_is() -> None:
-    case = load_case(MODELS / "running-example")
+    case = load_declared_case(MODELS / "running-example")
     space = hypothesis_space(case)
     belief = observe_detections(space, prior_belief(space), {"lidar": {"B": True}})
     environment, _, _ = concern_weights(space, belief)
@@ -238,7 +238,7 @@ def test_a_detector_of_obstacles_says_which_concern_it_is() -> None:
 
 @pytest.mark.parametrize("detections", [{"radar": {"B": True}}, {"lidar": {"Z": True}}, {"lidar": True}])
 def test_detections_that_can_not_be_read_are_refused(detections: dict[str, object]) -> None:
-    space = hypothesis_space(load_case(MODELS / "running-example"))
+    space = hypothesis_space(load_declared_case(MODELS / "running-example"))
     with pytest.raises(InputError):
         observe_detections(space, prior_belief(space), detections)
 

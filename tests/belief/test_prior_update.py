@@ -11,12 +11,12 @@ from merap.belief.outside import Outside
 from merap.belief.posterior import prior_belief
 from merap.belief.prior_update import SHARE, base_weight, likeliest, updated_prior
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 
 
 @pytest.fixture(scope="module")
 def space() -> HypothesisSpace:
-    return hypothesis_space(load_case("models/paper-grid/rq1-5.yaml"))
+    return hypothesis_space(load_declared_case("models/paper-grid/rq1-5.yaml"))
 
 
 def test_the_new_prior_is_a_mixture(space: HypothesisSpace) -> None:

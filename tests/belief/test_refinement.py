@@ -13,7 +13,7 @@ from merap.belief.posterior import prior_belief
 from merap.belief.refinement import Refinement, RefinementSettings, model_tasks
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.errors import MerapWarning
 from merap.learning.config import TrainingConfig
 from merap.learning.exact import expected_return
@@ -30,12 +30,12 @@ HORIZON = 8
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> CaseStudy:
-    return load_case(write_case(tmp_path_factory.mktemp("strip"), STRIP))
+def case(tmp_path_factory: pytest.TempPathFactory) -> DeclaredCase:
+    return load_declared_case(write_case(tmp_path_factory.mktemp("strip"), STRIP))
 
 
 @pytest.fixture(scope="module")
-def meta(case: CaseStudy, tmp_path_factory: pytest.TempPathFactory) -> MetaPolicy:
+def meta(case: DeclaredCase, tmp_path_factory: pytest.TempPathFactory) -> MetaPolicy:
     with pytest.warns(MerapWarning, match=r"^not every task \(5 of 8\) can reach its goal within 8 steps"):
         run = train(case, tmp_path_factory.mktemp("runs") / "run", TrainingConfig(seed=0, updates=30))
     return read_policy(run, tasks_of(run))
@@ -53,7 +53,7 @@ def best_policy(best: FinitePlan) -> Floats:
 @pytest.mark.parametrize("text", [STRIP, GRAPH])
 def test_values_of_a_policy_are_those_of_whole_models(tmp_path: Path, text: str) -> None:
     # Second route: the models on the canonical index, and their evaluation.
-    space = hypothesis_space(load_case(write_case(tmp_path, text)))
+    space = hypothesis_space(load_declared_case(write_case(tmp_path, text)))
     models = [*drawn(space, 5), mean_model(space, prior_belief(space))]
     shape = (HORIZON, space.num_states, len(space.actions))
     policy = np.random.default_rng(1).dirichlet(np.ones(shape[2]), size=shape[:2])
@@ -64,7 +64,7 @@ def test_values_of_a_policy_are_those_of_whole_models(tmp_path: Path, text: str)
         assert value == pytest.approx(value_on(whole, executed(whole, with_end), HORIZON), abs=1e-9)
 
 
-def test_values_of_the_tasks_for_the_gradient_are_the_same(case: CaseStudy) -> None:
+def test_values_of_the_tasks_for_the_gradient_are_the_same(case: DeclaredCase) -> None:
     space = hypothesis_space(case)
     models = drawn(space, 5)
     tasks = model_tasks(models, space.initial, HORIZON)
@@ -75,7 +75,7 @@ def test_values_of_the_tasks_for_the_gradient_are_the_same(case: CaseStudy) -> N
     np.testing.assert_allclose(found, policy_values(models, everywhere, space.initial), atol=1e-4)
 
 
-def test_the_refined_meta_policy_is_taken_where_it_is_better(case: CaseStudy, meta: MetaPolicy) -> None:
+def test_the_refined_meta_policy_is_taken_where_it_is_better(case: DeclaredCase, meta: MetaPolicy) -> None:
     # Before anything is seen the plan goes for one of two goals; a policy that hedges is worth more.
     space = hypothesis_space(case)
     belief = prior_belief(space)
@@ -93,7 +93,7 @@ def test_the_refined_meta_policy_is_taken_where_it_is_better(case: CaseStudy, me
     assert gain.mean() > 2 * gain.std() / np.sqrt(len(many))
 
 
-def test_gradient_steps_raise_the_mean_return(case: CaseStudy, meta: MetaPolicy) -> None:
+def test_gradient_steps_raise_the_mean_return(case: DeclaredCase, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
     belief = prior_belief(space)
     best = plan(mean_model(space, belief), HORIZON)
@@ -109,7 +109,7 @@ def test_gradient_steps_raise_the_mean_return(case: CaseStudy, meta: MetaPolicy)
     assert values[1] > values[0]
 
 
-def test_a_certain_belief_needs_no_refinement(case: CaseStudy, meta: MetaPolicy) -> None:
+def test_a_certain_belief_needs_no_refinement(case: DeclaredCase, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
     prior = np.full_like(space.prior, -np.inf)
     prior[0, 0, 0] = 0.0
@@ -126,7 +126,7 @@ def test_a_certain_belief_needs_no_refinement(case: CaseStudy, meta: MetaPolicy)
     assert found.reason.endswith("the plan is kept")
 
 
-def test_the_strategy_acts_on_it_and_says_so(case: CaseStudy, meta: MetaPolicy) -> None:
+def test_the_strategy_acts_on_it_and_says_so(case: DeclaredCase, meta: MetaPolicy) -> None:
     space = hypothesis_space(case)
     refine = Refinement(meta, space, HORIZON, np.random.default_rng(0))
     strategy = BeliefStrategy(space, HORIZON, np.random.default_rng(0), refine=refine)

@@ -15,7 +15,7 @@ from merap.belief.planning import FinitePlan, Refined, plan
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefSettings, BeliefStrategy
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy, load_declared_case
 from merap.concerns.combination import Combination
 from merap.families.models import built
 from merap.mdp.model import Floats, TabularMDP
@@ -30,7 +30,7 @@ from tests.support.whole_adaptations import adapted
 
 @cache
 def prepared(name: str) -> tuple[CaseStudy, HypothesisSpace, Combination, TabularMDP]:
-    case = load_case(MODELS / name)
+    case = load_declared_case(MODELS / name)
     system = case.system("met")
     index = index_of([system])
     return case, hypothesis_space(case, index=index), system, index.place(built(system))
@@ -189,7 +189,7 @@ def test_after_a_gap_it_plans_for_the_steps_that_remain(monkeypatch: pytest.Monk
 @pytest.mark.parametrize("gap", [False, True])
 def test_beyond_its_horizon_it_goes_on_as_in_the_last_step(*, gap: bool) -> None:
     """The system's episodes are longer, and it does what teaches nothing: there is no other plan to make."""
-    case = load_case(MODELS / "running-example")
+    case = load_declared_case(MODELS / "running-example")
     strategy = BeliefStrategy(hypothesis_space(case), 3, np.random.default_rng(0))
     system = SimulatedSystem(case.system("met"), 10, np.random.default_rng(1))
     stop = system.actions.index("stop")
@@ -206,7 +206,7 @@ def test_beyond_its_horizon_it_goes_on_as_in_the_last_step(*, gap: bool) -> None
 
 
 def test_where_a_step_has_led_is_open_though_no_hypothesis_explains_the_step() -> None:
-    space = hypothesis_space(load_case(MODELS / "paper-grid/rq1-3.yaml"))
+    space = hypothesis_space(load_declared_case(MODELS / "paper-grid/rq1-3.yaml"))
     strategy = BeliefStrategy(space, 18, np.random.default_rng(0))
     enabled = np.ones(5, dtype=np.bool_)
     strategy.begin(Observation(np.array([0, 0, 0]), enabled, 0.0, 1.0, False))

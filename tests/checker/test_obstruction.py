@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from merap.checker.obstruction import obstruction
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.external_action import ExternalAction, Outcome
 from tests.support.hand_made import (
     at,
@@ -23,7 +23,7 @@ from tests.support.hand_made import (
 WALL = cells((3, 4), (5, 4), (4, 3))
 
 
-def walled(*extra: tuple[int, int]) -> Combination:
+def walled(*extra: tuple[int, int]) -> DeclaredCombination:
     return grid_combination(blocked=WALL | cells(*extra), no_entry=cells((4, 5)))
 
 
@@ -59,7 +59,7 @@ def test_a_long_list_is_shortened() -> None:
     assert text.endswith("r1c10, r1c11 and 8 more (environment e)")
 
 
-def only_goal_at(location: int, combination: Combination) -> Combination:
+def only_goal_at(location: int, combination: DeclaredCombination) -> DeclaredCombination:
     goal = at(np.arange(4) == location)
     return with_objective(combination, goal=goal, start=np.array([1.0, 0.0, 0.0, 0.0]))
 

@@ -2,32 +2,32 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from merap.checker.verdicts import Verdict, verify
-from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination, Condition
+from merap.concerns.combination import Condition, DeclaredCombination
 from merap.errors import InputError
+from merap.families.loading import load_case
 from tests.support.hand_made import (
     at,
     cells,
     graph_combination,
     grid_combination,
+    number,
     with_capability,
     with_objective,
 )
 from tests.support.slow_chain import slow_case
 
 
-def verdicts(combination: Combination) -> dict[str, Verdict]:
+def verdicts(combination: DeclaredCombination) -> dict[str, Verdict]:
     return {verdict.name: verdict for verdict in verify([combination])}
 
 
-def with_properties(combination: Combination, **properties: str) -> Combination:
+def with_properties(combination: DeclaredCombination, **properties: str) -> DeclaredCombination:
     return with_objective(combination, properties=properties)
 
 
@@ -87,7 +87,7 @@ def test_a_goal_that_modes_keep_out_of_reach_is_false_too() -> None:
     # external actions only in a mode that is never entered
     innate = replace(graph.capability.innate, terminal=frozenset({2}), restart=False)
     idle = replace(
-        innate, actions=(replace(innate.actions[0], transitions={0: {0: Fraction(1)}, 1: {2: Fraction(1)}}),)
+        innate, actions=(replace(innate.actions[0], transitions={0: {0: number(1)}, 1: {2: number(1)}}),)
     )
     found = verdicts(with_objective(with_capability(graph, innate=idle), ends_in=None))
     assert found["reach"].holds is False
@@ -179,7 +179,7 @@ def test_a_verdict_is_json_even_if_it_is_infinite() -> None:
     }
 
 
-def without_goal(combination: Combination) -> Combination:
+def without_goal(combination: DeclaredCombination) -> DeclaredCombination:
     return with_objective(combination, goal=None)
 
 

@@ -10,7 +10,7 @@ import pytest
 import stormpy
 from ruamel.yaml import YAML
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import explored
 from tests.support.command_line import merap, refused
 from tests.support.paths import MODELS

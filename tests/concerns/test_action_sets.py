@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from tests.support.case_examples import replaced, write_case
 from tests.support.declared_models import successors
@@ -142,6 +142,6 @@ def test_without_space_an_outcome_sets_too(tmp_path: Path) -> None:
 def test_what_is_wrong_is_one_line_with_its_place(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     text = replaced(WALK, "  start: a\n", "  start: a\n  processes: {seen: {range: [0, 1], initial: 0}}\n")
     with pytest.raises(InputError) as caught:
-        load_case(write_case(tmp_path, replaced(text, old, new)))
+        load_declared_case(write_case(tmp_path, replaced(text, old, new)))
     assert "\n" not in str(caught.value)
     assert complaint in str(caught.value)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from tests.support.bad_cases import GENERATED, ON_THE_GRAPH, Row
 from tests.support.case_examples import GRAPH, GRID, replaced, write_case
@@ -14,7 +14,7 @@ from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 
 def refuse(folder: Path, text: str) -> InputError:
     with pytest.raises(InputError) as caught:
-        load_case(write_case(folder, text))
+        load_declared_case(write_case(folder, text))
     return caught.value
 
 

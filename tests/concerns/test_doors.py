@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from merap.families.models import explored
 from tests.support.case_examples import replaced, write_case
@@ -104,12 +104,12 @@ def test_doors_change_by_themselves(tmp_path: Path) -> None:
     assert found[CLOSED, YARD]["east"] == {
         (CLOSED, WARD): 0.375, (OPEN, WARD): 0.375, (CLOSED, YARD): 0.25,
     }  # fmt: skip
-    mdp = explored(load_case(write_case(tmp_path, text)).combination("free.robot.o"))
+    mdp = explored(load_declared_case(write_case(tmp_path, text)).combination("free.robot.o"))
     assert sorted(mdp.initial[mdp.initial > 0].tolist()) == [0.25, 0.75]
 
 
 def test_what_is_open_is_seen_and_what_is_locked_is_not(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, ROOMS))
+    case = load_declared_case(write_case(tmp_path, ROOMS))
     names = [[one.name for one in member.program.variables] for member in case.combinations()]
     assert names == [["loc", "door", "done"]] * 2
 
@@ -127,7 +127,8 @@ def test_a_locked_door_cuts_a_goal_off(tmp_path: Path) -> None:
     text = replaced(text, "    north: {move: north}\n", "")
     text = text.replace("  parameters: {}\n  start", "  parameters: {goal: location}\n  start")
     text = replaced(text, "configurations: {o: {}}", "configurations: {o: {goal: ward}}")
-    assert list(load_case(write_case(tmp_path, text)).supports.environment.names()) == ["locked_gate"]
+    case = load_declared_case(write_case(tmp_path, text))
+    assert list(case.supports.environment.names()) == ["locked_gate"]
 
 
 @pytest.mark.parametrize(
@@ -150,6 +151,6 @@ def test_a_locked_door_cuts_a_goal_off(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_what_is_wrong_is_one_line_with_its_place(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_case(write_case(tmp_path, replaced(ROOMS, old, new)))
+        load_declared_case(write_case(tmp_path, replaced(ROOMS, old, new)))
     assert "\n" not in str(caught.value)
     assert complaint in str(caught.value)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.errors import InputError, ModelError
 from merap.mdp.model import TabularMDP
 from merap.program.arrays import tabular
@@ -18,16 +18,18 @@ from tests.support.objective_cases import PUMP
 
 
 @pytest.fixture
-def pump(tmp_path: Path) -> CaseStudy:
-    return load_case(write_case(tmp_path, PUMP))
+def pump(tmp_path: Path) -> DeclaredCase:
+    return load_declared_case(write_case(tmp_path, PUMP))
 
 
-def built(case: CaseStudy, name: str) -> TabularMDP:
+def built(case: DeclaredCase, name: str) -> TabularMDP:
     program = case.combination(name).program
     return tabular(program, explore(program), reward="objective")
 
 
-def outcomes(case: CaseStudy, name: str, state: tuple[int, int], action: str) -> dict[tuple[int, int], float]:
+def outcomes(
+    case: DeclaredCase, name: str, state: tuple[int, int], action: str
+) -> dict[tuple[int, int], float]:
     """(level, wear) of the successors of one, with their probabilities."""
     model = built(case, name)
     columns = [model.variable_names.index(one) for one in ("level", "wear")]
@@ -44,7 +46,7 @@ def outcomes(case: CaseStudy, name: str, state: tuple[int, int], action: str) ->
     }
 
 
-def test_a_name_is_the_own_concern_s_first(pump: CaseStudy) -> None:
+def test_a_name_is_the_own_concern_s_first(pump: DeclaredCase) -> None:
     """`rate` of the capability is 0.5, that of the environment 0.25: wear has 0.5 * 0.25."""
     wears = Fraction(1, 2) * Fraction(1, 4)
     assert outcomes(pump, "dry.small.cheap", (1, 0), "rest") == {
@@ -53,18 +55,18 @@ def test_a_name_is_the_own_concern_s_first(pump: CaseStudy) -> None:
     }
 
 
-def test_an_initial_value_reads_another_concern(pump: CaseStudy) -> None:
+def test_an_initial_value_reads_another_concern(pump: DeclaredCase) -> None:
     starts = {name: built(pump, name).num_states for name in ("dry.small.cheap", "dry.large.cheap")}
     # the level stays where it begins, at the size: it can't be drained in the dark
     assert starts == {"dry.small.cheap": 2, "dry.large.cheap": 2}
 
 
-def test_an_action_that_a_foreign_parameter_forbids_is_lacking(pump: CaseStudy) -> None:
+def test_an_action_that_a_foreign_parameter_forbids_is_lacking(pump: DeclaredCase) -> None:
     assert [one.name for one in pump.combination("dry.small.cheap").capability.external] == ["rest"]
     assert outcomes(pump, "wet.small.cheap", (1, 0), "drain") == {(0, 0): 0.75, (0, 1): 0.25}
 
 
-def test_rewards_read_every_concern(pump: CaseStudy) -> None:
+def test_rewards_read_every_concern(pump: DeclaredCase) -> None:
     model = built(pump, "wet.large.cheap")
     column = model.variable_names.index("wear")
     worn = model.valuations[model.choice_state, column] == 1
@@ -73,7 +75,7 @@ def test_rewards_read_every_concern(pump: CaseStudy) -> None:
     np.testing.assert_array_equal(model.choice_reward, expected)
 
 
-def test_what_is_closed_is_kept(pump: CaseStudy) -> None:
+def test_what_is_closed_is_kept(pump: DeclaredCase) -> None:
     """A concern that reads nothing of the objective is the same object under each of them."""
     one, other = pump.combination("wet.large.cheap"), pump.combination("wet.large.cheap")
     assert one.environment is other.environment
@@ -114,7 +116,7 @@ def test_what_is_closed_is_kept(pump: CaseStudy) -> None:
 )
 def test_names_that_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        list(load_case(write_case(tmp_path, replaced(PUMP, old, new))).combinations())
+        list(load_declared_case(write_case(tmp_path, replaced(PUMP, old, new))).combinations())
     assert message in caught.value.message
     assert caught.value.source == str(tmp_path / "case.yaml")
 
@@ -126,7 +128,7 @@ def test_two_variables_may_number_one_name_differently(tmp_path: Path) -> None:
         "parameters: {rate: {probability: [0, 1]}, shade: {values: [worn, dark, light]}}",
     )
     text = replaced(text, 'requires: "shade = light & level > 0"', 'requires: "shade = worn | wear = worn"')
-    case = load_case(write_case(tmp_path, text))
+    case = load_declared_case(write_case(tmp_path, text))
     (_, drain) = case.combination("wet.small.cheap").capability.external
     assert outcomes(case, "wet.small.cheap", (1, 1), "drain") == {(0, 1): 1.0}
     assert drain.name == "drain"
@@ -150,6 +152,6 @@ def test_two_variables_may_number_one_name_differently(tmp_path: Path) -> None:
 def test_what_only_states_show_names_member_and_state(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
-    case = load_case(write_case(tmp_path, replaced(PUMP, old, new)))
+    case = load_declared_case(write_case(tmp_path, replaced(PUMP, old, new)))
     with pytest.raises(ModelError, match=message):
         built(case, "wet.large.cheap")

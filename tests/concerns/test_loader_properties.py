@@ -1,4 +1,4 @@
-"""Whatever stands in a file, `load_case` returns a case or raises a `MerapError`."""
+"""Whatever stands in a file, `load_declared_case` returns a case or raises a `MerapError`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.concerns.schema_program import case_schema
 from merap.errors import MerapError
 from merap.families.models import explored
@@ -105,7 +105,7 @@ def load_or_refuse(folder: Path, content: bytes) -> None:
     path = folder / "case.yaml"
     path.write_bytes(content)
     try:
-        case = load_case(path)
+        case = load_declared_case(path)
         for system in case.systems.values():
             explored(system)
     except MerapError as error:
@@ -256,4 +256,4 @@ def test_the_unchanged_examples_load(tmp_path: Path, example: Any) -> None:
     """The mutations start from something valid, so they reach every stage of loading."""
     path = tmp_path / "case.yaml"
     path.write_text(json.dumps(example))
-    assert load_case(path).size > 1
+    assert load_declared_case(path).size > 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from merap.checker.combination_model import build_combination
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from merap.mdp.comparison import compare
 from merap.mdp.model import Floats, TabularMDP
@@ -19,7 +19,7 @@ from tests.support.case_examples import GRAPH, GRID, replaced, write_case
 
 def explored(folder: Path, text: str, member: str) -> TabularMDP:
     """Return the model of a member, on which both routes agree."""
-    combination = load_case(write_case(folder, text)).combination(member)
+    combination = load_declared_case(write_case(folder, text)).combination(member)
     program = combination.program
     mdp = tabular(program, explore(program), reward="objective")
     compare(build_combination(combination).mdp, mdp).require_same()
@@ -68,7 +68,7 @@ def test_a_parameter_holds_locations(tmp_path: Path) -> None:
     for member, places in (("open.slow.g", [3]), ("open.slow.ab", [1, 2])):
         mdp = explored(tmp_path, graph("{where: at(goal), value: 3}"), member)
         loc = mdp.valuations[:, mdp.variable_names.index("loc")]
-        value = np.isin(loc[mdp.choice_state[mdp.branch_choice]], places) * 3.0
+        value = np.where(np.isin(loc[mdp.choice_state[mdp.branch_choice]], places), 3.0, 0.0)
         assert mdp.choice_reward == pytest.approx(expected_rewards(mdp, value))
 
 
@@ -156,6 +156,6 @@ def test_a_declared_name_wins(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_what_is_no_location_is_one_line_with_its_place(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint) as caught:
-        load_case(write_case(tmp_path, text))
+        load_declared_case(write_case(tmp_path, text))
     assert "\n" not in str(caught.value)
     assert "case.yaml:" in str(caught.value)

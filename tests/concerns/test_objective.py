@@ -12,8 +12,8 @@ from ruamel.yaml import YAML
 
 from merap.checker.obstruction import goal_locations
 from merap.checker.properties import properties
-from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import load_declared_case
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.schema_program import case_schema
 from merap.errors import InputError
 from merap.mdp.model import TabularMDP
@@ -23,7 +23,7 @@ from tests.support.case_examples import replaced, write_case
 from tests.support.objective_cases import COURIER, PUMP
 
 
-def built(combination: Combination) -> TabularMDP:
+def built(combination: DeclaredCombination) -> TabularMDP:
     return tabular(combination.program, explore(combination.program), reward="objective")
 
 
@@ -41,7 +41,7 @@ def test_no_location_is_none(tmp_path: Path) -> None:
 
 
 def test_labels_are_conditions_that_others_read(tmp_path: Path) -> None:
-    mdp = built(load_case(write_case(tmp_path, COURIER)).combination("near.default.patient"))
+    mdp = built(load_declared_case(write_case(tmp_path, COURIER)).combination("near.default.patient"))
     states = {tuple(row) for row in mdp.valuations[:, :3].tolist()}
     assert mdp.variable_names[:3] == ("row", "col", "bag") or mdp.variable_names[:2] == ("row", "col")
     assert rows(mdp, "back") == {(0, 0, 0), (0, 0, 1)}
@@ -52,7 +52,7 @@ def test_labels_are_conditions_that_others_read(tmp_path: Path) -> None:
 
 
 def test_starts_and_horizons_differ_by_configuration(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, COURIER))
+    case = load_declared_case(write_case(tmp_path, COURIER))
     found = {
         name: (case.system(name).objective.horizon, int(np.argmax(case.system(name).objective.start)))
         for name in ("near.default.patient", "near.default.hasty", "met")
@@ -61,10 +61,10 @@ def test_starts_and_horizons_differ_by_configuration(tmp_path: Path) -> None:
 
 
 def test_a_goal_over_variables_is_at_no_location(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, COURIER))
+    case = load_declared_case(write_case(tmp_path, COURIER))
     assert not goal_locations(case.combination_at(0)).any()
     text = replaced(COURIER, "goal: '\"over\"'", "goal: 'at(home) | row = 1 & col > 1'")
-    other = load_case(write_case(tmp_path, text)).combination("near.default.patient")
+    other = load_declared_case(write_case(tmp_path, text)).combination("near.default.patient")
     assert np.flatnonzero(goal_locations(other)).tolist() == [0, 5]
 
 
@@ -88,14 +88,15 @@ def test_a_goal_over_variables_is_at_no_location(tmp_path: Path) -> None:
 )
 def test_properties_follow_from_what_is_there(tmp_path: Path, old: str, new: str, names: list[str]) -> None:
     text = COURIER.replace(old, new) if old else COURIER
-    combination = load_case(write_case(tmp_path, text)).combination("near.default.patient")
+    combination = load_declared_case(write_case(tmp_path, text)).combination("near.default.patient")
     assert list(properties(combination)) == names
     assert combination.discount == 1  # if the file gives none
 
 
 def test_the_parameter_goal_is_the_goal_unless_one_is_declared(tmp_path: Path) -> None:
     text = COURIER.replace("home", "goal").replace("  goal: '\"over\"'\n", "")
-    case = load_case(write_case(tmp_path, replaced(text, "ends_in: '\"goal\"'", "ends_in: '\"over\"'")))
+    text = replaced(text, "ends_in: '\"goal\"'", "ends_in: '\"over\"'")
+    case = load_declared_case(write_case(tmp_path, text))
     mdp = built(case.combination("near.default.patient"))
     np.testing.assert_array_equal(mdp.labels["goal"], mdp.labels["back"])
 
@@ -106,7 +107,7 @@ case: lonely
 capability: {actions: {wait: {}, work: {}}}
 objective: {horizon: 2, rewards: [{action: work, value: 1}]}
 """
-    case = load_case(write_case(tmp_path, text))
+    case = load_declared_case(write_case(tmp_path, text))
     assert [one.name for one in case.combinations()] == ["default.default.default"]
     mdp = built(case.combination_at(0))
     assert (mdp.num_states, sorted(mdp.choice_reward.tolist())) == (1, [0, 1])
@@ -180,10 +181,10 @@ def test_the_json_schema_accepts_what_loads(text: str) -> None:
 def test_what_is_wrong_is_one_line(tmp_path: Path, old: str, new: str, place: str, message: str) -> None:
     path = write_case(tmp_path, replaced(COURIER, old, new))
     if not message:
-        load_case(path)
+        load_declared_case(path)
         return
     with pytest.raises(InputError) as caught:
-        load_case(path)
+        load_declared_case(path)
     assert message in caught.value.message
     assert place in (caught.value.key or "")
     assert caught.value.line is not None
@@ -193,10 +194,10 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, old: str, new: str, place: st
 def test_a_horizon_below_one_step(tmp_path: Path) -> None:
     text = replaced(replaced(COURIER, "moments: {int: [3, 9]}", "moments: int"), "moments: 4", "moments: 0")
     with pytest.raises(InputError, match=r"configurations\.hasty\.moments: the horizon is 0, allowed is"):
-        load_case(write_case(tmp_path, text))
+        load_declared_case(write_case(tmp_path, text))
 
 
 def test_parameters_need_configurations(tmp_path: Path) -> None:
     text = COURIER[: COURIER.index("  configurations:\n    patient")]
     with pytest.raises(InputError, match="objective: key 'configurations' is missing: which values"):
-        load_case(write_case(tmp_path, text))
+        load_declared_case(write_case(tmp_path, text))

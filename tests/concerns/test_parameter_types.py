@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy, load_declared_case
 from merap.concerns.parameter_types import parameter_type
 from merap.concerns.schema_program import case_schema
 from merap.errors import InputError
@@ -43,7 +43,7 @@ def with_types(folder: Path, types: str = TYPES, configurations: str = GIVEN) ->
   horizon: 3
   configurations:
 {configurations}"""
-    return load_case(write_case(folder, text))
+    return load_declared_case(write_case(folder, text))
 
 
 def test_values_are_kept_as_given(tmp_path: Path) -> None:

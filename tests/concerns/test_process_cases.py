@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from merap.checker.combination_model import build_combination
-from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import load_declared_case
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.composition import compose
 from merap.errors import InputError
 from merap.mdp.comparison import compare
@@ -21,7 +21,7 @@ from tests.support.case_examples import write_case
 from tests.support.process_cases import SERVICE
 
 
-def explored(combination: Combination) -> TabularMDP:
+def explored(combination: DeclaredCombination) -> TabularMDP:
     program = compose(combination)
     return tabular(program, explore(program), reward="objective")
 
@@ -32,7 +32,7 @@ def explored(combination: Combination) -> TabularMDP:
     [("rush.fast.quality", -114.531431), ("calm.slow.thrift", -34.425167)],
 )
 def test_the_best_return_of_a_service(tmp_path: Path, member: str, best: float) -> None:
-    case = load_case(write_case(tmp_path, SERVICE))
+    case = load_declared_case(write_case(tmp_path, SERVICE))
     assert case.warnings == ()
     combination = case.combination(member)
     mdp = explored(combination)
@@ -41,7 +41,7 @@ def test_the_best_return_of_a_service(tmp_path: Path, member: str, best: float) 
 
 
 def test_a_monitor_sees_what_the_load_becomes(tmp_path: Path) -> None:
-    mdp = explored(load_case(write_case(tmp_path, SERVICE)).combination("rush.fast.quality"))
+    mdp = explored(load_declared_case(write_case(tmp_path, SERVICE)).combination("rush.fast.quality"))
     column = {name: mdp.valuations[:, place] for place, name in enumerate(mdp.variable_names)}
     assert np.all(column["seen"][column["load"] == 4] == 1)
     assert np.array_equal(mdp.labels["unsafe"], (column["seen"] == 1) & (column["running"] < 2))
@@ -53,7 +53,7 @@ def test_initial_values_may_be_drawn(tmp_path: Path) -> None:
     text = SERVICE.replace(
         "      initial: 1\n", "      initial: [{value: 0, probability: up}, {otherwise: 2}]\n", 1
     )
-    mdp = explored(load_case(write_case(tmp_path, text)).combination("calm.slow.thrift"))
+    mdp = explored(load_declared_case(write_case(tmp_path, text)).combination("calm.slow.thrift"))
     load = mdp.valuations[:, mdp.variable_names.index("load")]
     assert {(int(load[state]), float(mdp.initial[state])) for state in np.flatnonzero(mdp.initial)} == {
         (0, 0.1),
@@ -156,7 +156,7 @@ def test_what_is_wrong_is_one_line_with_its_place(
 ) -> None:
     assert old in SERVICE
     with pytest.raises(InputError, match=complaint) as caught:
-        load_case(write_case(tmp_path, SERVICE.replace(old, new, 1)))
+        load_declared_case(write_case(tmp_path, SERVICE.replace(old, new, 1)))
     line = str(caught.value)
     assert "\n" not in line
     assert place in line

@@ -13,7 +13,7 @@ import pytest
 from merap.belief.steps import holds_in_states
 from merap.checker.combination_model import build_combination
 from merap.checker.storm import build_text
-from merap.concerns.combination import Combination, Condition, RewardRule
+from merap.concerns.combination import Condition, DeclaredCombination, RewardRule
 from merap.concerns.composition import compose
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.processes import Change, DeclaredProcess, moved
@@ -42,12 +42,12 @@ def process(
     return DeclaredProcess(name, concern, (integer(name, *bounds),), start(**{name: first}), changes)
 
 
-def explored(combination: Combination) -> TabularMDP:
+def explored(combination: DeclaredCombination) -> TabularMDP:
     program = compose(combination)
     return tabular(program, explore(program), reward="objective")
 
 
-def require_agreement(combination: Combination) -> None:
+def require_agreement(combination: DeclaredCombination) -> None:
     """Storm builds of the text what is explored, and both what the definition says."""
     mdp = explored(combination)
     compare(build_text(render(combination), combination.name).mdp(), mdp).require_same()
@@ -89,7 +89,7 @@ CHARGE = process(
 )
 
 
-def with_processes(combination: Combination, *processes: DeclaredProcess) -> Combination:
+def with_processes(combination: DeclaredCombination, *processes: DeclaredProcess) -> DeclaredCombination:
     def of(concern: ConcernName) -> tuple[DeclaredProcess, ...]:
         return tuple(one for one in processes if one.concern == concern)
 
@@ -101,7 +101,7 @@ def with_processes(combination: Combination, *processes: DeclaredProcess) -> Com
     )
 
 
-def two_starts(*processes: DeclaredProcess, requires: str = "true") -> Combination:
+def two_starts(*processes: DeclaredProcess, requires: str = "true") -> DeclaredCombination:
     graph = graph_combination()
     external = tuple(
         replace(action, requires=parsed(requires)) if action.name == "go" else action
@@ -183,7 +183,7 @@ def test_several_initial_values_have_their_weights() -> None:
 # --- a web service: values by PRISM text written by hand, on which Storm and PRISM-games agree ---
 
 
-def web_service(up: str, down: str, boot: str, w_time: str) -> Combination:
+def web_service(up: str, down: str, boot: str, w_time: str) -> DeclaredCombination:
     graph = graph_combination()
     one_place = Space(("here",), np.zeros((1, 2)), (), np.zeros((1, 0), dtype=np.int64), None, (), ())
     load = process(

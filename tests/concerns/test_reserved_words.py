@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from merap.families.models import built, explored
 from merap.mdp.comparison import compare
@@ -47,7 +47,7 @@ objective:
 
 
 def test_our_names_give_way_to_those_of_users(tmp_path: Path) -> None:
-    combination = load_case(write_case(tmp_path, NAMED)).combination("e.c.o")
+    combination = load_declared_case(write_case(tmp_path, NAMED)).combination("e.c.o")
     mdp = explored(combination)
     compare(built(combination), mdp).require_same()
     assert mdp.variable_names == ("A", "open_door", "goal", "steps", "shift", "complete", "pay_max", "done")
@@ -55,7 +55,7 @@ def test_our_names_give_way_to_those_of_users(tmp_path: Path) -> None:
 
 
 def test_an_action_called_any_is_that_action_alone(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, NAMED))
+    case = load_declared_case(write_case(tmp_path, NAMED))
     assert case.warnings == (
         "capability.actions.any: changes with action: any happen with this action alone",
     )
@@ -76,13 +76,13 @@ def test_no_variable_is_called_as_a_word(tmp_path: Path, name: str) -> None:
     with pytest.raises(
         InputError, match=f"illegal name '{name}' of a process: it is a word of the case language"
     ):
-        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
+        load_declared_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
 
 
 @pytest.mark.parametrize("name", ["done", "loc", "space", "capability", "objective"])
 def test_no_variable_is_called_as_one_of_every_model(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=f"illegal name '{name}' of a process: every model has one"):
-        load_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
+        load_declared_case(write_case(tmp_path, replaced(NAMED, "    steps: {", f"    '{name}': {{")))
 
 
 def test_a_declared_name_that_is_a_word_warns(tmp_path: Path) -> None:
@@ -94,4 +94,4 @@ def test_a_declared_name_that_is_a_word_warns(tmp_path: Path) -> None:
     )
     why = "is a word of the case language; expressions read what is declared"
     expected = f"space.attributes.row: 'row' {why}", f"objective.parameters.moved: 'moved' {why}"
-    assert load_case(write_case(tmp_path, text)).warnings == expected
+    assert load_declared_case(write_case(tmp_path, text)).warnings == expected

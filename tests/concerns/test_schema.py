@@ -114,8 +114,9 @@ def test_forms_of_start_distributions(tmp_path: Path, start: str) -> None:
 
 
 def test_the_kind_of_an_attribute_follows_its_range(tmp_path: Path) -> None:
-    attributes = parse(tmp_path, GRAPH).space.attributes
-    kinds = {name: attribute.type for name, attribute in attributes.items()}
+    space = parse(tmp_path, GRAPH).space
+    assert space is not None
+    kinds = {name: attribute.type for name, attribute in space.attributes.items()}
     assert kinds == {"light": "int", "slippery": "bool", "slope": "real"}
 
 

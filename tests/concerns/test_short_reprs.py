@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from merap.concerns.case_study import CaseStudy
+from merap.concerns.case_study import CaseStudy, load_declared_case
 from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.program.expressions import parse
@@ -54,7 +54,7 @@ def test_shipped_cases(path: Any) -> None:
 
 
 def test_a_graph_with_everything(tmp_path: Any) -> None:
-    case = load_case(write_case(tmp_path, GRAPH))
+    case = load_declared_case(write_case(tmp_path, GRAPH))
     require_short(case)
     assert repr(case).startswith("DeclaredCase(name='small_graph', source=PosixPath(")
     assert repr(case.space.attributes[0]) == (

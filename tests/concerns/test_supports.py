@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.concerns.generation import Choice, Product, draw, rank_of, separators, unrank
 from merap.concerns.reachability import leaves_goals_reachable, reachable
 from merap.concerns.space import passable
@@ -24,15 +24,15 @@ BLOCKED = "choose: 2, from: {rows: [0, 1], cols: [0, 2]}, except: [[0, 0]]"
 
 
 @pytest.fixture
-def grid(tmp_path: Path) -> CaseStudy:
-    return load_case(write_case(tmp_path, GRID))
+def grid(tmp_path: Path) -> DeclaredCase:
+    return load_declared_case(write_case(tmp_path, GRID))
 
 
-def load_grid(folder: Path, *replacements: tuple[str, str]) -> CaseStudy:
+def load_grid(folder: Path, *replacements: tuple[str, str]) -> DeclaredCase:
     text = GRID[: GRID.index("online:")]
     for old, new in replacements:
         text = replaced(text, old, new)
-    return load_case(write_case(folder, text))
+    return load_declared_case(write_case(folder, text))
 
 
 @pytest.mark.parametrize(("total", "size"), [(1, 1), (5, 2), (7, 3), (6, 6), (8, 0)])
@@ -95,7 +95,7 @@ def test_separators_keep_names_readable_back() -> None:
         separators(["hall_", "B"])
 
 
-def test_generated_supports_are_listed_in_order(grid: CaseStudy) -> None:
+def test_generated_supports_are_listed_in_order(grid: DeclaredCase) -> None:
     assert grid.shape == (4, 2, 2)
     # Of the 10 pairs of 5 cells, 4 hold the goal (0, 2), 1 walls the start in and 1 the goal (0, 2).
     assert list(grid.supports.environment.names()) == [
@@ -198,7 +198,7 @@ def test_first_with_agrees_with_a_scan() -> None:
 
 
 def test_named_configurations(tmp_path: Path) -> None:
-    case = load_case(write_case(tmp_path, GRAPH))
+    case = load_declared_case(write_case(tmp_path, GRAPH))
     support = case.supports.capability
     assert list(support.names()) == ["slow", "fast"]
     assert support.index("fast") == 1
@@ -209,7 +209,7 @@ def test_named_configurations(tmp_path: Path) -> None:
 
 
 def test_a_small_memory_resolves_again(tmp_path: Path) -> None:
-    support = load_case(write_case(tmp_path, GRID)).supports.environment
+    support = load_declared_case(write_case(tmp_path, GRID)).supports.environment
     forgetful = type(support)(support.configurations, support.resolve, capacity=2)
     first = forgetful[0]
     assert [forgetful[index].name for index in (1, 2, 0)] == [support.name(index) for index in (1, 2, 0)]
@@ -240,7 +240,7 @@ def test_generated_edges_and_numbers(tmp_path: Path) -> None:
     text = GRAPH[: GRAPH.index("online:")]
     text = replaced(text, NAMED_ENVIRONMENTS, GENERATED_ENVIRONMENTS)
     text = replaced(text, NAMED_CAPABILITIES, GENERATED_CAPABILITIES)
-    case = load_case(write_case(tmp_path, text))
+    case = load_declared_case(write_case(tmp_path, text))
     assert list(case.supports.environment.names()) == [
         "blocked_B___blocked_edges_S_east___lamp_3",
         "blocked_B___blocked_edges_S_east___lamp_1",
@@ -261,7 +261,7 @@ def test_generated_edges_and_numbers(tmp_path: Path) -> None:
 @given(seed=st.integers(0, 10_000))
 def test_reachability_agrees_with_networkx(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
     """Second route: one networkx search for each environment."""
-    space = load_case(write_case(tmp_path_factory.mktemp("reach"), GRID)).space
+    space = load_declared_case(write_case(tmp_path_factory.mktemp("reach"), GRID)).space
     generator = np.random.default_rng(seed)
     closed = generator.random((6, space.num_locations)) < 0.4
     closed_edges = generator.random((6, *space.target.shape)) < 0.3

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from tests.support.case_examples import GRAPH, replaced, write_case
 from tests.support.declared_models import successors
@@ -75,14 +75,14 @@ def test_outcomes_that_lead_nowhere_make_no_difference(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_nothing_speaks_of_locations(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_case(write_case(tmp_path, replaced(NOWHERE, old, new)))
+        load_declared_case(write_case(tmp_path, replaced(NOWHERE, old, new)))
     assert "\n" not in str(caught.value)
     assert complaint in str(caught.value)
 
 
 def test_a_space_needs_a_start(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"objective: key 'start' is missing"):
-        load_case(write_case(tmp_path, replaced(SERVICE, "  start: here\n", "")))
+        load_declared_case(write_case(tmp_path, replaced(SERVICE, "  start: here\n", "")))
 
 
 SLOPE = "    slope: {range: [0.0, 1.0], default: 0.25}\n"
@@ -91,7 +91,7 @@ SLOPE = "    slope: {range: [0.0, 1.0], default: 0.25}\n"
 def test_numbers_without_a_range(tmp_path: Path) -> None:
     text = replaced(GRAPH, SLOPE, "    slope: {type: real, default: -1e3, values: {B: 12345.5}}\n")
     text = replaced(text, "    slippery:", "    depth: {type: int, default: 7}\n    slippery:")
-    attributes = {one.name: one for one in load_case(write_case(tmp_path, text)).space.attributes}
+    attributes = {one.name: one for one in load_declared_case(write_case(tmp_path, text)).space.attributes}
     assert attributes["slope"].values.tolist() == [-1000, -1000, 12345.5, -1000]
     assert attributes["depth"].values.tolist() == [7, 7, 7, 7]
 
@@ -106,7 +106,7 @@ def test_numbers_without_a_range(tmp_path: Path) -> None:
 )
 def test_what_an_attribute_lacks(tmp_path: Path, declared: str, complaint: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_case(write_case(tmp_path, replaced(GRAPH, SLOPE, f"    slope: {declared}\n")))
+        load_declared_case(write_case(tmp_path, replaced(GRAPH, SLOPE, f"    slope: {declared}\n")))
     assert complaint in str(caught.value)
 
 
@@ -116,4 +116,4 @@ def test_a_detector_needs_a_range(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"attributes.slope: key 'range' is missing: the detector lidar reads"
     ):
-        load_case(write_case(tmp_path, text))
+        load_declared_case(write_case(tmp_path, text))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.concerns.yaml_file import MAX_BYTES, read_document, read_value
 from merap.errors import InputError
 from tests.support.case_examples import write_case
@@ -75,7 +75,7 @@ def test_unreadable_file(tmp_path: Path, content: bytes, line: int | None, messa
     path = tmp_path / "case.yaml"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
-        load_case(path)
+        load_declared_case(path)
     assert caught.value.line == line
     assert message in caught.value.message
     assert str(caught.value).startswith(str(path))
@@ -83,22 +83,22 @@ def test_unreadable_file(tmp_path: Path, content: bytes, line: int | None, messa
 
 def test_a_missing_file_and_a_folder_without_case(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.yaml: no such file"):
-        load_case(tmp_path / "absent.yaml")
+        load_declared_case(tmp_path / "absent.yaml")
     with pytest.raises(InputError, match=r"case\.yaml: no such file"):
-        load_case(tmp_path)
+        load_declared_case(tmp_path)
     (tmp_path / "case.yaml").mkdir()
     with pytest.raises(InputError, match="is a folder, expected a YAML file"):
-        load_case(tmp_path)
+        load_declared_case(tmp_path)
     with pytest.raises(InputError, match="can't be read: File name too long"):
-        load_case("x" * 5000)
+        load_declared_case("x" * 5000)
 
 
 def test_a_file_that_is_too_large_or_no_file(tmp_path: Path) -> None:
     path = write_case(tmp_path, "#" * (MAX_BYTES + 1))
     with pytest.raises(InputError, match=f"has {MAX_BYTES + 1} bytes, at most {MAX_BYTES} are allowed"):
-        load_case(path)
+        load_declared_case(path)
     with pytest.raises(InputError, match="is not a regular file"):
-        load_case("/dev/null")
+        load_declared_case("/dev/null")
 
 
 def test_yaml_1_2_data(tmp_path: Path) -> None:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.families.build import COMPARED, build_base
+from merap.families.loading import load_case
 from merap.families.models import built
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum

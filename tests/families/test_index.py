@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 
-from merap.concerns.case_study import load_case
 from merap.families.index import family_index, index_kinds
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.families.observation import VariableKind
 from merap.mdp.model import TabularMDP
 from merap.program.form import Program
 from tests.support.hand_made import graph_combination
-from tests.support.mdp_examples import make_mdp
+from tests.support.mdp_examples import Choices, make_mdp
 from tests.support.paths import MODELS
 from tests.support.programs import process_of
 
@@ -22,7 +22,9 @@ WIDE = VariableKind("level", "coordinate", -2, 4)
 def chain(*levels: int) -> TabularMDP:
     """From each level to the next one, and at last to a complete state of level 0."""
     following = [*((level, 0) for level in levels[1:]), (0, 1)]
-    steps = {(level, 0): {"go": (1.0, {there: 1.0})} for level, there in zip(levels, following, strict=True)}
+    steps: Choices = {
+        (level, 0): {"go": (1.0, {there: 1.0})} for level, there in zip(levels, following, strict=True)
+    }
     return make_mdp(
         {**steps, (0, 1): {"end": (0.0, {(0, 1): 1.0})}},
         variables=("level", "done"),

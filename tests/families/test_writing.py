@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from merap.checker.combination_model import build_combination
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import ModelError, OutputError
 from merap.families.writing import export_case, render_case
 from merap.mdp.comparison import compare
@@ -16,7 +16,7 @@ from merap.mdp.umb import read_umb
 from merap.prism.rendering import render
 from tests.support.paths import MODELS
 
-CASE = load_case(MODELS / "running-example")
+CASE = load_declared_case(MODELS / "running-example")
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ import pytest
 from merap.belief.posterior import concern_weights
 from merap.belief.prior_update import SHARE
 from merap.belief.space import HypothesisSpace, hypothesis_space
+from merap.concerns.lookup import declared_case
 from merap.mapek.analyzer import PATIENCE, Analyzer
 from merap.mapek.messages import AdaptedPolicy
 from merap.mdp.model import Floats
@@ -28,7 +29,7 @@ STILL = np.tile(np.eye(5)[STOP], (COMPLETED + 1, 1))
 @pytest.fixture(scope="module")
 def space() -> HypothesisSpace:
     """RQ1-3: one of (3, 4), (4, 3), (3, 3) can't be entered; the goal is (4, 4)."""
-    return hypothesis_space(grid_case())
+    return hypothesis_space(declared_case(grid_case()))
 
 
 def cell(row: int, col: int) -> int:

@@ -10,7 +10,7 @@ import pytest
 from merap.belief.posterior import Belief, prior_belief
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.update import observe_step
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.mapek.change_points import CHANGE_POINTS, UNEXPLAINED, ChangePoints
 from tests.support.belief_routes import STRIP, Seen, joint, trajectory
 from tests.support.case_examples import write_case
@@ -19,8 +19,8 @@ NOISE = 0.3
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> CaseStudy:
-    return load_case(write_case(tmp_path, STRIP))
+def case(tmp_path: Path) -> DeclaredCase:
+    return load_declared_case(write_case(tmp_path, STRIP))
 
 
 def after(space: HypothesisSpace, belief: Belief, seen: list[Seen]) -> Belief:
@@ -30,7 +30,7 @@ def after(space: HypothesisSpace, belief: Belief, seen: list[Seen]) -> Belief:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_odds_are_those_of_bayes(case: CaseStudy, seed: int) -> None:
+def test_the_odds_are_those_of_bayes(case: DeclaredCase, seed: int) -> None:
     """Second route: p(new | prior) = prior(h) p(new | h) / p(h | new) for every hypothesis h of the base, and
     likewise with what was seen before in the place of the prior; the ratio of both needs no likelihood.
     """
@@ -55,7 +55,7 @@ def test_the_odds_are_those_of_bayes(case: CaseStudy, seed: int) -> None:
     np.testing.assert_allclose(point.log_odds(learned), expected, atol=1e-8)
 
 
-def test_a_change_is_more_likely_than_what_was_learned(case: CaseStudy) -> None:
+def test_a_change_is_more_likely_than_what_was_learned(case: DeclaredCase) -> None:
     """The goal is moved after 60 steps."""
     space = hypothesis_space(case, noise=NOISE)
     there, moved = (case.combine(0, 0, number) for number in (0, 1))
@@ -72,7 +72,7 @@ def test_a_change_is_more_likely_than_what_was_learned(case: CaseStudy) -> None:
         assert found is None or found.episode == 3
 
 
-def test_what_no_hypothesis_allows_counts_against_who_holds_it_impossible(case: CaseStudy) -> None:
+def test_what_no_hypothesis_allows_counts_against_who_holds_it_impossible(case: DeclaredCase) -> None:
     """What is impossible after all that was seen, but not at first."""
     space = hypothesis_space(case, noise=NOISE)
     whole = prior_belief(space)
@@ -84,7 +84,7 @@ def test_what_no_hypothesis_allows_counts_against_who_holds_it_impossible(case: 
     assert point.log_odds(strange) == pytest.approx(-2 * UNEXPLAINED)
 
 
-def test_only_the_last_episodes_are_tried(case: CaseStudy) -> None:
+def test_only_the_last_episodes_are_tried(case: DeclaredCase) -> None:
     space = hypothesis_space(case, noise=NOISE)
     points = ChangePoints(space)
     assert points.best(prior_belief(space)) is None
@@ -98,7 +98,7 @@ def test_only_the_last_episodes_are_tried(case: CaseStudy) -> None:
 
 
 @pytest.mark.slow
-def test_without_a_change_the_odds_stay_low(case: CaseStudy) -> None:
+def test_without_a_change_the_odds_stay_low(case: DeclaredCase) -> None:
     """Of 200 systems drawn from the base none may reach e^7 within three episodes: by Ville each does with
     a chance of e^-7 for each change point, 0.18 for all of them; the seed is fixed."""
     space = hypothesis_space(case, noise=NOISE)

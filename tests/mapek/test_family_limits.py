@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.mapek.family_limits import followable
 from merap.mapek.messages import AdaptedPolicy, Monitored
 from merap.mapek.plain_analyzer import PlainAnalyzer

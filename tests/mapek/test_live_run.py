@@ -13,7 +13,7 @@ import pytest
 
 from merap.belief.space import hypothesis_space
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from merap.families.models import built
 from merap.knowledge.base import KnowledgeBase, open_knowledge
@@ -58,7 +58,7 @@ def test_a_belief_adapts_through_http_over_a_bad_connection() -> None:
 
     Every tenth request meets with a mishap; with these seeds nothing is left to chance.
     """
-    case = load_case(RUNNING)
+    case = load_declared_case(RUNNING)
     met = case.system("met")
     kinds: list[Mishap] = ["none", "lost", "answer lost", "failed", "rubbish"]
     drawn = np.random.default_rng(0).choice(5, 10_000, p=[0.9, *[0.025] * 4])

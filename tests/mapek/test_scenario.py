@@ -7,7 +7,8 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
+from merap.concerns.lookup import declared
 from merap.errors import InputError
 from merap.mapek.scenario import Moment, Scenario, read_scenario
 from merap.mapek.scenario_schema import scenario_schema
@@ -27,8 +28,8 @@ changes:
 
 
 @pytest.fixture(scope="module")
-def case() -> CaseStudy:
-    return load_case(EXAMPLE)
+def case() -> DeclaredCase:
+    return load_declared_case(EXAMPLE)
 
 
 def written(folder: Path, text: str) -> Path:
@@ -41,7 +42,7 @@ def scenario(folder: Path, text: str = MINIMAL) -> Scenario:
     return read_scenario(written(folder, text))
 
 
-def refused(folder: Path, old: str, new: str, case: CaseStudy | None = None) -> str:
+def refused(folder: Path, old: str, new: str, case: DeclaredCase | None = None) -> str:
     """The message about a scenario with one mistake, without the folder's name."""
     assert old in MINIMAL
 
@@ -56,7 +57,7 @@ def refused(folder: Path, old: str, new: str, case: CaseStudy | None = None) -> 
     return str(error.value).replace(f"{folder}/", "")
 
 
-def test_stages_take_over_what_does_not_change(tmp_path: Path, case: CaseStudy) -> None:
+def test_stages_take_over_what_does_not_change(tmp_path: Path, case: DeclaredCase) -> None:
     stages = scenario(tmp_path).stages(case)
     assert [stage.begins for stage in stages] == [Moment(0), Moment(3), Moment(5, 2)]
     assert [stage.changed for stage in stages] == [(), ("environment",), ("capability", "objective")]
@@ -64,11 +65,12 @@ def test_stages_take_over_what_does_not_change(tmp_path: Path, case: CaseStudy) 
     assert stages[0].system.environment.parameters == met.environment.parameters
     assert stages[1].system.capability.name == "speed_high"
     assert stages[1].system.objective.name == "g3"
-    assert [case.space.locations[p] for p in stages[2].system.environment.blocked.nonzero()[0]] == ["A", "B"]
+    blocked = declared(stages[2].system).environment.blocked
+    assert [case.space.locations[p] for p in blocked.nonzero()[0]] == ["A", "B"]
     assert (stages[2].system.capability.name, stages[2].system.objective.name) == ("speed_low", "g1")
 
 
-def test_a_parameter_that_a_change_does_not_name_keeps_its_value(tmp_path: Path, case: CaseStudy) -> None:
+def test_a_parameter_that_a_change_does_not_name_keeps_its_value(tmp_path: Path, case: DeclaredCase) -> None:
     """Whether the stage before has it by values or by the name of a configuration."""
     text = MINIMAL.replace("capability: speed_low", "capability: {grip: 0.7}")
     assert text != MINIMAL
@@ -117,13 +119,13 @@ changes:
 @pytest.mark.parametrize(
     "system", ["b_blocked.speed_low.g2", "{environment: b_blocked, capability: speed_low, objective: g2}"]
 )
-def test_a_system_is_a_name_or_its_configurations(tmp_path: Path, case: CaseStudy, system: str) -> None:
+def test_a_system_is_a_name_or_its_configurations(tmp_path: Path, case: DeclaredCase, system: str) -> None:
     first = scenario(tmp_path, MINIMAL.replace("met", system)).stages(case)[0].system
     names = (first.environment.name, first.capability.name, first.objective.name)
     assert names == ("b_blocked", "speed_low", "g2")
 
 
-def test_a_change_to_what_there_is_already_is_none(tmp_path: Path, case: CaseStudy) -> None:
+def test_a_change_to_what_there_is_already_is_none(tmp_path: Path, case: DeclaredCase) -> None:
     text = MINIMAL.replace("environment: {blocked: [A, B]}", "objective: g3")
     assert scenario(tmp_path, text).stages(case)[1].changed == ()
 
@@ -192,12 +194,12 @@ def test_what_the_schema_refuses(tmp_path: Path, old: str, new: str, message: st
     ],
 )
 def test_what_does_not_fit_the_case(
-    tmp_path: Path, case: CaseStudy, old: str, new: str, message: str
+    tmp_path: Path, case: DeclaredCase, old: str, new: str, message: str
 ) -> None:
     assert refused(tmp_path, old, new, case).startswith(message)
 
 
-def test_the_fallback_is_an_action_of_the_case(tmp_path: Path, case: CaseStudy) -> None:
+def test_the_fallback_is_an_action_of_the_case(tmp_path: Path, case: DeclaredCase) -> None:
     read = scenario(tmp_path, f"{MINIMAL}deadline: {{fallback: stop}}\n")
     assert read.action(case) == case.actions.index("stop")
     assert scenario(tmp_path).action(case) is None
@@ -213,7 +215,7 @@ def data(path: Path) -> Any:
     return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
 
 
-def test_the_shipped_scenario_changes_each_concern_once(case: CaseStudy) -> None:
+def test_the_shipped_scenario_changes_each_concern_once(case: DeclaredCase) -> None:
     stages = read_scenario(SHIPPED).stages(case)
     assert [stage.changed for stage in stages] == [(), ("environment",), ("capability",), ("objective",)]
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import ResetMode
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.mapek.scenario import read_scenario
 from merap.mapek.scenario_schema import NoiseSpec
 from merap.mapek.scenario_system import ScenarioSystem

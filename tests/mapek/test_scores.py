@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.mapek.records import EpisodeRow
 from merap.mapek.scenario import Moment, Stage
 from merap.mapek.scores import LoopReport, Reaction, reactions, summary

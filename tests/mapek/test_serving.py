@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.errors import InputError
 from merap.mapek.scenario import read_scenario
 from merap.mapek.serving import served_combination, served_scenario
@@ -22,11 +22,11 @@ changes:
 
 
 @pytest.fixture(scope="module")
-def case() -> CaseStudy:
-    return load_case(RUNNING)
+def case() -> DeclaredCase:
+    return load_declared_case(RUNNING)
 
 
-def test_a_combination_is_served_with_its_names(case: CaseStudy) -> None:
+def test_a_combination_is_served_with_its_names(case: DeclaredCase) -> None:
     served = served_combination(case.system("met"), np.random.default_rng(0))
     assert served.interface.system == "met"
     assert served.interface.horizon == 40
@@ -44,7 +44,7 @@ def test_what_is_served_can_begin_where_the_last_episode_ended() -> None:
     assert served.monitor()["valuation"] == {"row": 1, "col": 2, "mode": 0}
 
 
-def test_a_scenario_changes_what_is_served(case: CaseStudy, tmp_path: Path) -> None:
+def test_a_scenario_changes_what_is_served(case: DeclaredCase, tmp_path: Path) -> None:
     """From the second episode on the only way out of S is closed."""
     file = tmp_path / "scenario.yaml"
     file.write_text(SCENARIO)
@@ -61,7 +61,7 @@ def test_a_scenario_changes_what_is_served(case: CaseStudy, tmp_path: Path) -> N
     assert not went_east()
 
 
-def test_a_scenario_of_another_case_is_refused(case: CaseStudy, tmp_path: Path) -> None:
+def test_a_scenario_of_another_case_is_refused(case: DeclaredCase, tmp_path: Path) -> None:
     file = tmp_path / "scenario.yaml"
     file.write_text(SCENARIO.replace("b_blocked", "d_blocked"))
     with pytest.raises(InputError, match=r"scenario.yaml:2: .*d_blocked"):

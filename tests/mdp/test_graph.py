@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.graph import fewest_steps
 from tests.support.paths import MODELS

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from merap.concerns.combination import Combination, Condition, RewardRule
+from merap.concerns.combination import Condition, DeclaredCombination, RewardRule
 from merap.concerns.composition import compose
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.concerns.innate import InnateAction
@@ -37,11 +37,11 @@ AT_G = np.array([False, False, False, True])
 SCANNED = parsed("mode' = 2")
 
 
-def writers(combination: Combination) -> tuple[EngineText, LocationTables]:
+def writers(combination: DeclaredCombination) -> tuple[EngineText, LocationTables]:
     return EngineText(compose(combination)), LocationTables(combination)
 
 
-def truth(text: str, combination: Combination | None = None) -> tuple[str, list[str]]:
+def truth(text: str, combination: DeclaredCombination | None = None) -> tuple[str, list[str]]:
     """A condition, and the tables that it needs."""
     writer, tables = writers(combination or graph_combination())
     return writer.truth(tables.read(parsed(text))), [one.text for one in writer.take() if one.meaning]
@@ -188,7 +188,7 @@ def pay(*rules: RewardRule, action: str = "go") -> str:
     return items(with_objective(graph_combination(), rules=rules))[action]
 
 
-def items(combination: Combination) -> dict[str, str]:
+def items(combination: DeclaredCombination) -> dict[str, str]:
     """What each action pays, by `action` or `action guard`."""
     text = render_program(compose(combination)).replace("\n    ", " ").replace("  ", " ")
     formulas = dict(

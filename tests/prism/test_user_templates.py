@@ -15,7 +15,12 @@ NOTHING: frozenset[str] = frozenset()
 def test_constants_are_put_in_and_parameters_keep_their_names() -> None:
     template = "{% for i in range(N) %}\nx{{ i }} : {{ p }} {{ b }} {{ half*2 }} {{ stick }}\n{% endfor %}\n"
     assert template_names(template) == {"N", "p", "b", "half", "stick"}
-    values = {"N": Fraction(2), "p": Fraction(1, 10), "b": True, "half": Fraction(1, 2)}
+    values: dict[str, Fraction | bool] = {
+        "N": Fraction(2),
+        "p": Fraction(1, 10),
+        "b": True,
+        "half": Fraction(1, 2),
+    }
     assert fill_in_template(template, values, frozenset({"stick"})) == (
         "x0 : (1/10) true (1) stick\nx1 : (1/10) true (1) stick\n"
     )

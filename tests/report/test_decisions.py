@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.report.decisions import decisions
 from tests.support.process_cases import SERVICE

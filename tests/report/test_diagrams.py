@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.report.diagrams import Arrow, Diagram, Node, process_diagrams
 from merap.report.map import draw_combination

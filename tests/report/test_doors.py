@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.lookup import declared
+from merap.families.loading import load_case
 from merap.report.map import draw_map
 from tests.support.drawings import legend_of, named, only, points
 

@@ -6,9 +6,9 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.lookup import declared
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.evaluation import as_policy
 from merap.report.map import draw_map

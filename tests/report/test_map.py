@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.lookup import declared
 from merap.concerns.space import Attribute
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats

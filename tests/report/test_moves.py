@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import DeclaredCombination
 from merap.concerns.lookup import declared
 from merap.errors import ModelError
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.model import Floats, TabularMDP
 from merap.report.map import draw_map

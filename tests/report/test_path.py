@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
 from merap.concerns.external_action import ExternalAction, Outcome
 from merap.errors import ModelError
 from merap.families.index import family_index, index_kinds
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.evaluation import as_policy
 from merap.mdp.model import Floats, TabularMDP

@@ -14,8 +14,9 @@ import pytest
 
 from merap.checker.combination_model import build_combination
 from merap.checker.properties import REWARD, properties
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.errors import InputError, MerapError, OutputError
 from merap.families.build import build_base
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.mdp.comparison import compare
 from merap.runs.run_folder import FORMAT, KIND, PACKAGES, RunFolder, create_run, read_base, read_run

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from merap.concerns.case_study import load_case
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.learning.progress import UpdateMetrics
 from merap.runs.checkpoint import read_checkpoint, read_policy

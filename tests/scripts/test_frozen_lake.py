@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import built
 from merap.knowledge.base import open_knowledge
 from merap.learning.config import TrainingConfig

@@ -13,7 +13,7 @@ import pytest
 
 from merap.belief.outside import Outside
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.errors import InputError
 from merap.mdp.model import Bools, TabularMDP
 from merap.shield.credible_tracker import CredibleTracker
@@ -62,15 +62,15 @@ OUTSIDE = Outside(slips=(0.2, 0.3), odds=(1.0,))
 
 
 @pytest.fixture(scope="module")
-def ledge(tmp_path_factory: pytest.TempPathFactory) -> CaseStudy:
+def ledge(tmp_path_factory: pytest.TempPathFactory) -> DeclaredCase:
     path = tmp_path_factory.mktemp("case") / "case.yaml"
     path.write_text(LEDGE, encoding="utf-8")
-    return load_case(path)
+    return load_declared_case(path)
 
 
 @cache
-def shipped(name: str) -> tuple[CaseStudy, HypothesisSpace]:
-    case = load_case(MODELS / name)
+def shipped(name: str) -> tuple[DeclaredCase, HypothesisSpace]:
+    case = load_declared_case(MODELS / name)
     return case, hypothesis_space(case)
 
 
@@ -93,7 +93,7 @@ def hypotheses(space: HypothesisSpace, visited: set[int], slips: tuple[float, ..
                     yield as_believed(space, slipping_model(combination, slip))
 
 
-def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseStudy) -> None:
+def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: DeclaredCase) -> None:
     # Obstacle or no entry, declared or not: any set of cells may be closed but the start. `hypotheses`
     # enumerates them; the tables never do.
     space = hypothesis_space(ledge, OUTSIDE)
@@ -116,7 +116,7 @@ def test_every_hypothesis_and_no_more_where_an_action_has_one_move(ledge: CaseSt
     assert live.sum() >= 4
 
 
-def test_a_step_loosens_what_it_refutes(ledge: CaseStudy) -> None:
+def test_a_step_loosens_what_it_refutes(ledge: DeclaredCase) -> None:
     space = hypothesis_space(ledge, OUTSIDE)
     tracker = CredibleTracker(space, doubt=1e-12)
     every = np.ones(len(ledge.actions), dtype=np.bool_)
@@ -149,7 +149,7 @@ def test_the_prior_covers_every_model_of_the_base(name: str) -> None:
     assert np.array_equal(found.of_states == 1, base.of_states == 1)
 
 
-def test_a_hazard_counts_when_its_location_is_entered(ledge: CaseStudy) -> None:
+def test_a_hazard_counts_when_its_location_is_entered(ledge: DeclaredCase) -> None:
     # Nothing else is unsafe on the lower row: right from the start risks h at once, and what lies
     # beyond need not be entered.
     space = hypothesis_space(ledge, OUTSIDE)
@@ -167,7 +167,7 @@ def test_a_hazard_counts_when_its_location_is_entered(ledge: CaseStudy) -> None:
     assert back.of_actions[4, right] == pytest.approx(0.1)
 
 
-def test_a_reading_changes_the_odds_of_a_hazard(ledge: CaseStudy) -> None:
+def test_a_reading_changes_the_odds_of_a_hazard(ledge: DeclaredCase) -> None:
     hazards = Hazards(ledge.combination_at(0), 0.2)
     hazards.visit(3, {"camera": {"r1c0": 0, "r1c1": 0, "r0c0": 1}})
     # Bayes' rule with an accuracy of 0.9: 0.2 * 0.1 / (0.2 * 0.1 + 0.8 * 0.9), and 0.18 / (0.18 + 0.08).
@@ -181,7 +181,7 @@ def test_a_reading_changes_the_odds_of_a_hazard(ledge: CaseStudy) -> None:
         hazards.visit(2, {"camera": "dark"})
 
 
-def test_declared_hazards_are_where_they_are_declared(ledge: CaseStudy) -> None:
+def test_declared_hazards_are_where_they_are_declared(ledge: DeclaredCase) -> None:
     hazards = Hazards(ledge.combination_at(0), 0.3, at={2, 5})
     assert hazards.prob.tolist() == [0, 0, 0.3, 0, 0, 0.3]
     with pytest.raises(InputError, match=r"must be in \[0, 1\), it is 1"):
@@ -205,11 +205,11 @@ def test_a_doubt_out_of_range_is_refused() -> None:
         CredibleTracker(space, doubt=1.0)
 
 
-def test_a_completing_step_into_an_unsafe_state_is_a_violation(ledge: CaseStudy, tmp_path: Path) -> None:
+def test_a_completing_step_into_an_unsafe_state_is_a_violation(ledge: DeclaredCase, tmp_path: Path) -> None:
     text = LEDGE.replace("ends_after: {at: goal, action: stop}", "ends_in: {where: hole}")
     path = tmp_path / "case.yaml"
     path.write_text(text, encoding="utf-8")
-    case = load_case(path)
+    case = load_declared_case(path)
     tracker = CredibleTracker(hypothesis_space(case, OUTSIDE))
     risk = robust_risk(tracker.outcomes())
     up = case.actions.index("up")

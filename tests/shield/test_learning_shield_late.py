@@ -7,7 +7,8 @@ import pytest
 
 from merap.belief.outside import Outside
 from merap.belief.space import HypothesisSpace, hypothesis_space
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
+from merap.concerns.lookup import declared_case
 from merap.errors import InputError
 from merap.mdp.model import Bools
 from merap.shield.learning_shield import LearningShield, ShieldSettings
@@ -27,7 +28,7 @@ REFUTING = 100
 @pytest.fixture(scope="module")
 def example() -> HypothesisSpace:
     """The running example: it is dark, and so unsafe, at B and in the store."""
-    return hypothesis_space(load_case(MODELS / "running-example"))
+    return hypothesis_space(load_declared_case(MODELS / "running-example"))
 
 
 @pytest.fixture(scope="module")
@@ -286,4 +287,4 @@ def test_a_policy_may_risk_more_where_less_is_left_of_the_way(beside: Hypothesis
 
 def test_where_nothing_is_unsafe_there_is_nothing_to_shield_from() -> None:
     with pytest.raises(InputError, match="unsafe"):
-        LearningShield(hypothesis_space(grid_case()), 18, ShieldSettings(0.0))
+        LearningShield(hypothesis_space(declared_case(grid_case())), 18, ShieldSettings(0.0))

@@ -10,7 +10,7 @@ import pytest
 
 from merap.belief.space import HypothesisSpace, hypothesis_space
 from merap.belief.strategy import BeliefStrategy
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.mdp.model import Bools, Floats
 from merap.shield.learning_shield import ShieldSettings
 from merap.shield.models import model_sets
@@ -27,8 +27,8 @@ from tests.support.placed import as_believed
 
 
 @cache
-def shipped(name: str) -> tuple[CaseStudy, HypothesisSpace]:
-    case = load_case(MODELS / name)
+def shipped(name: str) -> tuple[DeclaredCase, HypothesisSpace]:
+    case = load_declared_case(MODELS / name)
     return case, hypothesis_space(case)
 
 

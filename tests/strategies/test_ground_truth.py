@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.concerns.combination import DeclaredCombination
 from merap.mdp.index import new_index
 from merap.strategies.ground_truth import GroundTruth, ground_truth
@@ -15,7 +15,7 @@ from merap.strategies.ground_truth import GroundTruth, ground_truth
 
 @pytest.fixture(scope="module")
 def system() -> DeclaredCombination:
-    return load_case("models/hazard-grid").system("met")
+    return load_declared_case("models/hazard-grid").system("met")
 
 
 def safe_value(truth: GroundTruth) -> float:

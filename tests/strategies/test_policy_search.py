@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.learning.exact import expected_return as exact_return
 from merap.learning.policy import Parameters, PolicyNetwork, policy_table, stack_parameters
 from merap.learning.tasks import TaskBatch, task_batch

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.run_folder import RunFolder, read_run
 from merap.runs.train import train

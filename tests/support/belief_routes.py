@@ -13,8 +13,8 @@ import numpy as np
 from merap.belief.posterior import Belief, prior_belief, weights
 from merap.belief.space import HypothesisSpace
 from merap.belief.update import ObservedStep, observe_enabled, observe_presence, observe_step
-from merap.concerns.case_study import CaseStudy
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import DeclaredCase
+from merap.concerns.combination import DeclaredCombination
 from merap.families.models import explored
 from merap.mdp.model import Floats, TabularMDP
 
@@ -60,7 +60,9 @@ class Seen:
     step: ObservedStep
 
 
-def trajectory(combination: Combination, length: int, noise: float, generator: Generator) -> list[Seen]:
+def trajectory(
+    combination: DeclaredCombination, length: int, noise: float, generator: Generator
+) -> list[Seen]:
     """Random enabled actions in a whole model, with noise on the rewards; a new episode after an end."""
     model = explored(combination)
     index = _states(combination, model)
@@ -82,7 +84,7 @@ def trajectory(combination: Combination, length: int, noise: float, generator: G
     return seen
 
 
-def _states(combination: Combination, model: TabularMDP) -> list[int]:
+def _states(combination: DeclaredCombination, model: TabularMDP) -> list[int]:
     """Return the row of each canonical state that is not done; -1 if it is not reachable."""
     rows = {tuple(row): number for number, row in enumerate(model.valuations.tolist())}
     modes = range(len(combination.modes))
@@ -95,7 +97,9 @@ def _canonical(index: list[int], row: int) -> int:
     return index.index(row)
 
 
-def log_likelihood(combination: Combination, seen: Sequence[Seen], noise: float, slip: float) -> float:
+def log_likelihood(
+    combination: DeclaredCombination, seen: Sequence[Seen], noise: float, slip: float
+) -> float:
     """Of a trajectory under one combination whose actions do nothing with probability `slip`."""
     model = explored(combination)
     index = _states(combination, model)
@@ -138,7 +142,7 @@ def _slipped(model: TabularMDP, index: list[int], one: Seen, noise: float, choic
     return float(arrived * np.exp(-0.5 * deviation**2))
 
 
-def inferred(case: CaseStudy, space: HypothesisSpace, seen: Sequence[Seen]) -> Belief:
+def inferred(case: DeclaredCase, space: HypothesisSpace, seen: Sequence[Seen]) -> Belief:
     """Return the belief after a trajectory."""
     belief = observe_presence(space, prior_belief(space), int(np.flatnonzero(space.initial)[0]))
     for one in seen:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.families.models import built, explored
 from merap.mdp.comparison import compare
 from tests.support.case_examples import write_case

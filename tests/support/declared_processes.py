@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any
 
-from merap.concerns.combination import Combination
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.processes import Change, DeclaredProcess
 from merap.program.expressions import Constant
 from merap.program.form import Update
@@ -16,7 +16,7 @@ State = Mapping[str, Any]
 Branch = tuple[Fraction, dict[str, Any]]
 
 
-def successors(combination: Combination, state: State, action: str) -> list[Branch]:
+def successors(combination: DeclaredCombination, state: State, action: str) -> list[Branch]:
     """Every joint outcome of an action that is enabled, in order of the draws."""
     found = []
     for chance, after in _world(combination, state, action):
@@ -25,7 +25,7 @@ def successors(combination: Combination, state: State, action: str) -> list[Bran
     return found
 
 
-def enabled(combination: Combination, state: State) -> Iterator[str]:
+def enabled(combination: DeclaredCombination, state: State) -> Iterator[str]:
     capability = combination.capability
     terminal = capability.innate is None or state["mode"] in capability.innate.terminal
     for action in capability.external:
@@ -43,12 +43,12 @@ def enabled(combination: Combination, state: State) -> Iterator[str]:
             yield capability.innate.start_action
 
 
-def _ordered(combination: Combination) -> Iterator[DeclaredProcess]:
+def _ordered(combination: DeclaredCombination) -> Iterator[DeclaredProcess]:
     for concern in ("environment", "capability", "objective"):
         yield from (one for one in combination.processes if one.concern == concern)
 
 
-def _world(combination: Combination, state: State, action: str) -> Iterator[Branch]:
+def _world(combination: DeclaredCombination, state: State, action: str) -> Iterator[Branch]:
     """Where an action leads: location and mode."""
     here, mode = state["loc"], state["mode"]
     innate = combination.capability.innate
@@ -67,13 +67,13 @@ def _world(combination: Combination, state: State, action: str) -> Iterator[Bran
             yield Fraction(1), {"loc": here, "mode": innate.entry}
 
 
-def _target(combination: Combination, here: int, move: int | None) -> int:
+def _target(combination: DeclaredCombination, here: int, move: int | None) -> int:
     if move is None or not combination.passable[here, move]:
         return here
     return int(combination.space.target[here, move])
 
 
-def _scope(combination: Combination, before: State, after: State) -> dict[str, Any]:
+def _scope(combination: DeclaredCombination, before: State, after: State) -> dict[str, Any]:
     scope: dict[str, Any] = dict(before)
     scope |= {f"{name}'": value for name, value in {**before, **after}.items()}
     for prime, at in (("", before["loc"]), ("'", after.get("loc", before["loc"]))):
@@ -84,7 +84,7 @@ def _scope(combination: Combination, before: State, after: State) -> dict[str, A
 
 
 def _drawn(
-    combination: Combination,
+    combination: DeclaredCombination,
     processes: list[DeclaredProcess],
     before: State,
     action: str,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.mdp.model import Bools, Floats, Ints
 from merap.shield.outcomes import OutcomeSets, outcome_sets, rows
 
@@ -134,8 +134,8 @@ online:
 """
 
 
-def gutter(folder: Path) -> CaseStudy:
+def gutter(folder: Path) -> DeclaredCase:
     """Return the case, written into a folder."""
     path = folder / "gutter.yaml"
     path.write_text(GUTTER, encoding="utf-8")
-    return load_case(path)
+    return load_declared_case(path)

@@ -6,7 +6,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.mapek.serving import served_combination
 from merap.systems.description import (
     Interface,

@@ -9,8 +9,8 @@ import pytest
 from merap.belief.posterior import concern_weights, prior_belief
 from merap.belief.space import hypothesis_space
 from merap.belief.update import observe_detections
-from merap.concerns.case_study import load_case
-from merap.concerns.combination import Combination
+from merap.concerns.case_study import load_declared_case
+from merap.concerns.combination import DeclaredCombination
 from merap.concerns.space import Attribute, Detector
 from merap.systems.detection import detections, seen_locations
 from tests.support.hand_made import cells, grid_combination, grid_space, with_environment
@@ -18,18 +18,18 @@ from tests.support.hand_made import cells, grid_combination, grid_space, with_en
 READINGS = 20_000
 
 
-def seen_by(combination: Combination, *detectors: Detector) -> Combination:
+def seen_by(combination: DeclaredCombination, *detectors: Detector) -> DeclaredCombination:
     return replace(combination, space=replace(combination.space, detectors=detectors))
 
 
-def lit(kind: str, low: float, high: float, value: float) -> Combination:
+def lit(kind: str, low: float, high: float, value: float) -> DeclaredCombination:
     """A 2 x 2 grid with one attribute, equal everywhere."""
     light = Attribute("light", kind, low, high, np.full(4, value))  # type: ignore[arg-type]
     return with_environment(grid_combination(size=2, goal=(1, 1)), attributes=(light,))
 
 
 def readings_of(
-    combination: Combination, accuracy: float, seed: int = 0, count: int = READINGS
+    combination: DeclaredCombination, accuracy: float, seed: int = 0, count: int = READINGS
 ) -> list[object]:
     sensed = seen_by(combination, Detector("meter", "light", 0, accuracy))
     generator = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def test_the_belief_weighs_what_is_read_as_often_as_it_is_read() -> None:
     Bayes' rule gives, after m readings `blocked` of n, odds of 2 * (0.95/0.05)^(2m - n) for these two
     environments; the belief is asked after each of 40 readings.
     """
-    case = load_case("models/running-example")
+    case = load_declared_case("models/running-example")
     space = hypothesis_space(case)
     belief = prior_belief(space)
     b_blocked = case.combine(0, 0, 0)

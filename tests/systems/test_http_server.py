@@ -11,8 +11,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.mapek.serving import served_combination
 from merap.systems.http_server import MAX_BODY, listening, server
 from tests.support.hand_made import at, cells, grid_combination, with_objective

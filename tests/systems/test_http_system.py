@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.systems.description import Json, interface_of
 from merap.systems.dialect import MonitoredState
 from merap.systems.http_client import UpisasClient

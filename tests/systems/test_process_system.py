@@ -9,8 +9,9 @@ import httpx
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import CaseStudy
 from merap.errors import InputError
+from merap.families.loading import load_case
 from merap.systems.description import ShownVariable, interface_of
 from merap.systems.http_server import server
 from merap.systems.served import ServedSystem

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from merap.checker.storm import build_text
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.concerns.combination import DeclaredCombination
 from merap.errors import InputError
 from merap.mdp.comparison import compare
@@ -29,7 +29,7 @@ SLIP = Fraction(1, 10)
 def service(tmp_path_factory: pytest.TempPathFactory) -> DeclaredCombination:
     path = tmp_path_factory.mktemp("case") / "service.yaml"
     path.write_text(SERVICE, encoding="utf-8")
-    return load_case(path).combination("rush.slow.quality")
+    return load_declared_case(path).combination("rush.slow.quality")
 
 
 def slipped(now: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from merap.belief.model import mean_model, tabular
 from merap.belief.outside import Outside
 from merap.belief.posterior import prior_belief
 from merap.belief.space import hypothesis_space
-from merap.concerns.case_study import CaseStudy, load_case
+from merap.concerns.case_study import DeclaredCase, load_declared_case
 from merap.errors import InputError
 from merap.families.models import built
 from merap.mdp.comparison import compare
@@ -23,7 +23,7 @@ RUNNING = "models/running-example"
 SLIP = 0.1
 
 
-def believed(case: CaseStudy, environment: int, capability: int, slip: float) -> TabularMDP:
+def believed(case: DeclaredCase, environment: int, capability: int, slip: float) -> TabularMDP:
     """What a belief that is certain of a combination and a slip takes the domain to be."""
     space = hypothesis_space(case, Outside(slips=(slip,)))
     belief = prior_belief(space)
@@ -36,7 +36,7 @@ def believed(case: CaseStudy, environment: int, capability: int, slip: float) ->
 
 
 def test_without_slip_it_is_the_model_that_storm_builds() -> None:
-    met = load_case(RUNNING).system("met")
+    met = load_declared_case(RUNNING).system("met")
     compare(slipping_model(met, 0.0), built(met)).require_same()
 
 
@@ -57,7 +57,7 @@ def test_the_grid_that_slips_is_the_one_made_by_hand() -> None:
 @pytest.mark.parametrize(("environment", "capability"), [(0, 0), (2, 1)])
 def test_the_belief_means_the_same_by_slip(environment: int, capability: int) -> None:
     """Locations, modes, innate actions, rewards of successors: the running example has them all."""
-    case = load_case(RUNNING)
+    case = load_declared_case(RUNNING)
     found = slipping_model(case.combine(environment, capability, 0), SLIP)
     of_belief = believed(case, environment, capability, SLIP)
     compare(told_by_done(found), of_belief).require_same()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.errors import InputError
 from merap.systems.interface import Observation
 from merap.systems.simulated import SimulatedSystem
@@ -55,7 +55,7 @@ def test_a_combination_is_simulated_like_its_model() -> None:
 
 def test_rewards_of_a_combination_are_those_of_the_single_step() -> None:
     """Driving into the dark B costs 2, failing to do so 1: Storm's text has the mean alone."""
-    case = load_case("models/running-example")
+    case = load_declared_case("models/running-example")
     simulated = SimulatedSystem(case.combine(1, 0, 0), 400, np.random.default_rng(0))
     names, places = simulated.actions, case.space.location_index
     simulated.reset()
@@ -91,7 +91,7 @@ def test_noise_on_rewards_is_gaussian() -> None:
 
 
 def test_detectors_are_read_after_every_reset_and_step() -> None:
-    case = load_case("models/running-example")
+    case = load_declared_case("models/running-example")
     simulated = SimulatedSystem(case.system("met"), 40, np.random.default_rng(0), detect=True)
     found = simulated.reset()
     assert list(found.detections) == ["lidar", "light_meter"]
@@ -196,8 +196,8 @@ def test_a_change_that_would_complete_the_task_where_it_is_does_not_fit() -> Non
 
 
 def test_all_that_it_is_like_is_known_from_outside() -> None:
+    assert grid().values is None
     simulated = grid()
-    assert simulated.values is None
     simulated.reset()
     walk(simulated, [DOWN, RIGHT])
     assert simulated.values == {"row": 1, "col": 1, "mode": 0, "done": 0}

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from merap.checker.combination_model import build_combination
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
+from merap.families.loading import load_case
 from merap.families.models import explored
 from merap.mdp.model import TabularMDP
 from merap.program.expressions import Column, evaluate, parse, tabulate

@@ -22,7 +22,7 @@ SETTINGS = Settings(tasks=2, episodes=40)
 @pytest.fixture
 def world() -> Iterator[World]:
     with one_thread():
-        yield make_world(grid_models(slip=0.0), HORIZON, SETTINGS.episodes)
+        yield make_world(grid_models(slip=0.0), [HORIZON, HORIZON], SETTINGS.episodes)
 
 
 def test_an_update_moves_the_policy_and_says_what_it_took(world: World) -> None:

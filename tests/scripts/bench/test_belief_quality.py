@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.families.models import built
 from merap.mdp.planning import optimum
 from scripts.bench.belief_quality import belief_problem, drawn_figures, followed_belief
@@ -15,7 +15,7 @@ PAPER = MODELS / "paper-grid"
 
 
 def test_slip_is_in_the_model_that_scores() -> None:
-    case = load_case(PAPER / "rq1-1.yaml")
+    case = load_declared_case(PAPER / "rq1-1.yaml")
     problem = belief_problem(case, NoiseCondition("slip", slip=0.1))
     assert problem.truth.reachable.optimum < optimum(built(case.system("met")), 18)
 
@@ -29,7 +29,7 @@ def test_drawn_cases_are_met_once_each(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_covered_cases_take_ten_episodes_at_most_with_slip_and_noise(number: int) -> None:
     # Of the bench's 30 seeds each needs 3 at most, so that ten by luck is out of reach. The seeds are fixed.
-    problem = belief_problem(load_case(PAPER / f"rq1-{number}.yaml"), CONDITIONS[-1])
+    problem = belief_problem(load_declared_case(PAPER / f"rq1-{number}.yaml"), CONDITIONS[-1])
     for seed in range(2):
         run, strategy = followed_belief(problem, seed, Lengths(4, 13))
         assert run.episodes_to_within_5_percent is not None

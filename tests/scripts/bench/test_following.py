@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.mdp.index import index_of
 from merap.mdp.model import Floats
 from merap.strategies.evaluation import Run, reachable_range

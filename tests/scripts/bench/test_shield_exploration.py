@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from merap.concerns.case_study import load_case
+from merap.concerns.case_study import load_declared_case
 from merap.mdp.evaluation import expected_return
 from merap.mdp.model import TabularMDP
 from scripts.bench.shield_exploration import Habits, explore, rate_limit
@@ -22,7 +22,7 @@ EPISODES = 2_000
 
 @cache
 def figures(case: str, system: str, thresholds: tuple[float, ...]) -> list[dict[str, Any]]:
-    return list(shield_figures(load_case(MODELS / case), system, thresholds, EPISODES))
+    return list(shield_figures(load_declared_case(MODELS / case), system, thresholds, EPISODES))
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_threshold_keeps_the_rate_of_violations_below_it() -> None:
 
 def test_the_settings_of_the_bench_are_there() -> None:
     for setting in SETTINGS:
-        assert load_case(MODELS / setting.case).system(setting.system).objective.unsafe is not None
+        assert load_declared_case(MODELS / setting.case).system(setting.system).objective.unsafe is not None
 
 
 @pytest.mark.parametrize(("count", "trials"), [(0, 10_000), (3, 50), (50, 50), (120, 1000)])

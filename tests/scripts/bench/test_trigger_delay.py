@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
 from merap.concerns.combination import Combination
+from merap.families.loading import load_case
 from merap.trigger.settings import WindowSettings
 from scripts.bench.trigger_batch import count_alarms, first_alarm, trace
 from scripts.bench.trigger_bound import nats_per_episode, ratio

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.mdp.model import TabularMDP
 from scripts.bench.trigger_streams import Known, effect, gaussian, known, placed, stream
 from tests.support.hand_made import cells, grid_combination
