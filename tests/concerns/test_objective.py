@@ -36,7 +36,7 @@ def rows(mdp: TabularMDP, label: str) -> set[tuple[int, ...]]:
 def test_no_location_is_none(tmp_path: Path) -> None:
     unsafe = """unsafe: 'at([[0, 1], [1, 1]]) & !"loaded" & rain = wet'"""
     text = replaced(COURIER, unsafe, "unsafe: {at: []}")
-    mdp = built(load_case(write_case(tmp_path, text)).combination("near.default.patient"))
+    mdp = built(load_declared_case(write_case(tmp_path, text)).combination("near.default.patient"))
     assert not mdp.labels["unsafe"].any()
 
 
