@@ -8,8 +8,8 @@ import pytest
 
 from merap.checker.combination_model import export_combination
 from merap.checker.verdicts import verify
-from merap.concerns.case_study import load_case
 from merap.errors import ModelError
+from merap.families.loading import load_case
 
 QUEUE = """\
 case: queue

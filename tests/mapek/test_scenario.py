@@ -110,7 +110,9 @@ changes:
   - {at: {episode: 1}, environment: {wind: 0.5}}
   - {at: {episode: 2}, objective: {worth: 3}}
 """
-    calm, windy, dear = (stage.system for stage in scenario(tmp_path, text).stages(load_case(tmp_path)))
+    calm, windy, dear = (
+        stage.system for stage in scenario(tmp_path, text).stages(load_declared_case(tmp_path))
+    )
     assert windy.environment.parameters == {**calm.environment.parameters, "wind": 0.5}
     assert dear.environment.parameters == windy.environment.parameters
     assert dear.objective.parameters == {"goal": [0, 2], "worth": 3}
