@@ -1,3 +1,4 @@
+from .checker.checking import check as check
 from .concerns.case_study import CaseStudy as CaseStudy
 from .errors import MerapError as MerapError
 from .errors import MerapWarning as MerapWarning

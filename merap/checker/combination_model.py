@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from merap.checker.model_text import model_text
-from merap.checker.storm import StormModel, build_text, build_weighted
+from merap.checker.storm import build_text, build_weighted
+from merap.checker.storm_model import StormModel
 from merap.concerns.combination import Combination
 from merap.mdp.model import TabularMDP
 from merap.mdp.umb_names import rename_umb

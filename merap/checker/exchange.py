@@ -29,6 +29,23 @@ class ModelText:
 
 
 @dataclass(frozen=True)
+class ForeignModel:
+    """A model that somebody else wrote, one for each choice of its open constants.
+
+    Attributes:
+        name: name of the model.
+        text: in PRISM's language; None for an archive.
+        path: of the UMB archive.
+        constants: values for its open constants, as `N=3,p=0.5`.
+    """
+
+    name: str
+    text: str | None = None
+    path: str | None = None
+    constants: str = ""
+
+
+@dataclass(frozen=True)
 class Answer:
     """A model checker's answer to one property in the initial states.
 
@@ -38,9 +55,15 @@ class Answer:
         lower: sound lower bound of `value`; None if the engine gives none.
         upper: sound upper bound of `value`; None if the engine gives none.
         holds: whether it is true in every initial state; None if it asks for a value.
+        exact: whether the value was computed in fractions.
+        least: the least value of an initial state; None without a value.
+        greatest: the greatest value of an initial state.
     """
 
     value: float | None = None
     lower: float | None = None
     upper: float | None = None
     holds: bool | None = None
+    exact: bool = False
+    least: float | None = None
+    greatest: float | None = None

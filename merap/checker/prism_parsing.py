@@ -82,16 +82,16 @@ def parse_model(path: Path, name: str) -> PrismModel:
     program = Program(
         name=name,
         processes=tuple(processes),
-        labels={label.name: _tree(label.expression) for label in parsed.labels},
+        labels={label.name: read_tree(label.expression) for label in parsed.labels},
         rewards=dict(_rewards(parsed)),
-        initial_predicate=_tree(parsed.initial_states_expression) if has_predicate else None,
+        initial_predicate=read_tree(parsed.initial_states_expression) if has_predicate else None,
     )
     return PrismModel(
         program,
         {one.name: _TYPES[str(one.type)] for one in parsed.constants if not one.defined},
         {
-            **{one.name: _tree(one.definition) for one in parsed.constants if one.defined},
-            **dict(_formulas(parsed)),
+            **{one.name: read_tree(one.definition) for one in parsed.constants if one.defined},
+            **dict(read_formulas(parsed)),
         },
     )
 
@@ -109,30 +109,30 @@ def _process(module: Any, *, starts: bool) -> Process:
 
 def _variables_only(name: str, integers: Any, booleans: Any, *, starts: bool) -> Process:
     variables = [
-        StateVariable(one.name, _tree(one.lower_bound_expression), _tree(one.upper_bound_expression))
+        StateVariable(one.name, read_tree(one.lower_bound_expression), read_tree(one.upper_bound_expression))
         for one in integers
     ]
     variables += [StateVariable(one.name, ZERO, ONE, "bool") for one in booleans]
     values = {}
     if starts:
-        values = {one.name: _tree(one.initial_value_expression) for one in (*integers, *booleans)}
+        values = {one.name: read_tree(one.initial_value_expression) for one in (*integers, *booleans)}
     return Process(name, "environment", tuple(variables), (), (InitialValues(ONE, values),))
 
 
 def _command(module: str, command: Any) -> Command:
     outcomes = tuple(
         Update(
-            _tree(update.probability_expression),
-            {one.variable.name: _tree(one.expression) for one in update.assignments},
+            read_tree(update.probability_expression),
+            {one.variable.name: read_tree(one.expression) for one in update.assignments},
         )
         for update in command.updates
     )
     action = command.action_name if command.labeled else None
     place = f"[{action or ''}] in module {module}"
-    return Command(action, _tree(command.guard_expression), (outcomes,), place)
+    return Command(action, read_tree(command.guard_expression), (outcomes,), place)
 
 
-def _tree(given: Any) -> Expression:
+def read_tree(given: Any) -> Expression:
     """Return an expression of Storm as a tree."""
     if given.is_variable():
         return Variable(str(given.get_identifier()), 0)
@@ -142,7 +142,7 @@ def _tree(given: Any) -> Expression:
         value = given.evaluate_as_rational()
         return Constant(Fraction(int(str(value.numerator)), int(str(value.denominator))))
     name = given.operator.name
-    arguments = tuple(_tree(given.get_operand(place)) for place in range(given.arity))
+    arguments = tuple(read_tree(given.get_operand(place)) for place in range(given.arity))
     if name == "MINUS" and len(arguments) == 1:
         return _constant_part(Operation("neg", arguments))
     return _constant_part(_as_written(Operation(_OPERATORS[name], arguments)))
@@ -194,11 +194,12 @@ def _parser(parsed: Any) -> Any:
     return parser
 
 
-def _formulas(parsed: Any) -> Iterator[tuple[str, Expression]]:
+def read_formulas(parsed: Any) -> Iterator[tuple[str, Expression]]:
+    """Yield the names and definitions of the formulas of stormpy's program."""
     parser = _parser(parsed)
     for found in re.finditer(r"^formula (\w+) = (.*);$", str(parsed), re.MULTILINE):
         with suppress(RuntimeError):  # a number is too long for it; where it is used it has been read
-            yield found[1], _tree(parser.parse_from_string(found[2]))
+            yield found[1], read_tree(parser.parse_from_string(found[2]))
 
 
 def _rewards(parsed: Any) -> Iterator[tuple[str, RewardStructure]]:
@@ -221,7 +222,7 @@ def _rule(parser: Any, item: str) -> RewardItem:
     value, guard = item[place + 1 :].rstrip(";"), item[:place]
     try:
         return RewardItem(
-            _tree(parser.parse_from_string(value)), _tree(parser.parse_from_string(guard)), actions
+            read_tree(parser.parse_from_string(value)), read_tree(parser.parse_from_string(guard)), actions
         )
     except RuntimeError as error:
         raise InputError(f"the reward {shortened(item, 80)} can't be read") from error

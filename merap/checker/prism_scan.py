@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from merap.errors import InputError
 
@@ -26,14 +27,25 @@ _REFUSED = {
     "unbounded": "a variable without bounds is not supported: give it a range, as `x : [0..10]`",
     "interval": "interval probabilities are not supported here",
 }
-_MDP = ("mdp", "nondeterministic", "pomdp")
+MDP: Mapping[str, str] = {"mdp": "mdp", "nondeterministic": "mdp", "pomdp": "mdp"}
+KINDS: Mapping[str, str] = {
+    "mdp": "mdp",
+    "nondeterministic": "mdp",
+    "dtmc": "dtmc",
+    "probabilistic": "dtmc",
+}
 
 
-def readable_text(text: str) -> str:
+def readable_text(text: str, kinds: Mapping[str, str] = MDP) -> str:
     """Return text that Storm reads rightly, lines where they were: holes become undefined constants.
 
     A hole `hole int x in {1..3};` also defines the constants `x_MIN` and `x_MAX`, which sketches use; a
     POMDP becomes an MDP.
+
+    Args:
+        text: of the model.
+        kinds: kinds of models that are read, as text names them and as Storm does; with `KINDS` the text
+            is for Storm's builder, where variables need no bounds and the kind may be missing.
 
     Raises:
         InputError: something is not supported; names the line.
@@ -42,6 +54,8 @@ def readable_text(text: str) -> str:
     last, kind = 0, None
     for found in _TOKENS.finditer(text):
         name = found.lastgroup if found.group("hole") is None else "hole"
+        if name == "unbounded" and kinds is KINDS:
+            name = "quoted"  # as it is
         line = text.count("\n", 0, found.start()) + 1
         parts.append(text[last : found.start()])
         last = found.end()
@@ -50,9 +64,7 @@ def readable_text(text: str) -> str:
                 continue
             case "type" if kind is None:
                 kind = found.group()
-                if kind not in _MDP:
-                    raise InputError(f"the model is of type {kind}, only mdp is supported", line=line)
-                parts.append("mdp")
+                parts.append(_kind(kind, kinds, line))
             case "hole":
                 parts.append(_constant(found))
             case "quoted" | "type":
@@ -62,9 +74,16 @@ def readable_text(text: str) -> str:
             case _:
                 assert name is not None
                 raise InputError(_REFUSED[name], line=line)
-    if kind is None:
+    if kind is None and kinds is not KINDS:
         raise InputError("the type of the model is missing: write mdp in the first line", line=1)
-    return "".join([*parts, text[last:]])
+    return "".join(["mdp " if kind is None else "", *parts, text[last:]])
+
+
+def _kind(kind: str, kinds: Mapping[str, str], line: int) -> str:
+    if kind not in kinds:
+        allowed = " or ".join(sorted(set(kinds.values())))
+        raise InputError(f"the model is of type {kind}, only {allowed} is supported", line=line)
+    return kinds[kind]
 
 
 def _constant(hole: re.Match[str]) -> str:

@@ -17,7 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from merap.checker.exchange import Answer, ModelText
+from merap.checker.exchange import Answer, ForeignModel, ModelText
+from merap.checker.property_file import Property, read_property
 from merap.concerns.arguments import as_number
 from merap.errors import EngineError, InputError, MerapError
 
@@ -43,7 +44,8 @@ class CheckingProcess:
         self._timeout = as_number(timeout, "timeout")
         if not 0 < self._timeout <= LONGEST:
             raise InputError(f"timeout {timeout}: expected seconds above 0, at most {LONGEST:g}")
-        self._model: ModelText | None = None
+        self._model: ModelText | ForeignModel | None = None
+        self._notes: tuple[str, ...] = ()
         self._building = False
         self._start()
 
@@ -58,14 +60,14 @@ class CheckingProcess:
     ) -> None:
         self._end()
 
-    def begin(self, model: ModelText) -> None:
+    def begin(self, model: ModelText | ForeignModel) -> None:
         """Begin to build the model that the coming properties are of, and do not wait for it."""
         self._model = model
         self._building = True
         self._send(model)
 
-    def finish(self) -> None:
-        """Wait until the model is built.
+    def finish(self) -> tuple[str, ...]:
+        """Wait until the model is built; return what is to be said about it.
 
         Raises:
             InputError: its text is wrong.
@@ -76,9 +78,10 @@ class CheckingProcess:
         assert self._model is not None
         if self._building:
             self._building = False
-            self._receive(f"{self._model.name}: building the model")
+            self._notes = self._receive(f"{self._model.name}: building the model")
+        return self._notes
 
-    def check(self, text: str) -> Answer:
+    def check(self, given: str | Property) -> Answer:
         """Check a property of the model, which is built first where it isn't.
 
         Raises:
@@ -91,12 +94,14 @@ class CheckingProcess:
         if self._process.poll() is not None:
             self.begin(self._model)
         self.finish()
-        self._send(text)
-        answer = self._receive(f"{self._model.name}: property {text!r}")
+        if isinstance(given, str):
+            given = read_property(given, self._model.name)
+        self._send(given)
+        answer = self._receive(f"{self._model.name}: property {given.text!r}")
         assert isinstance(answer, Answer)
         return answer
 
-    def _send(self, request: ModelText | str) -> None:
+    def _send(self, request: ModelText | ForeignModel | Property) -> None:
         if self._process.poll() is not None:
             self._end()
             self._start()

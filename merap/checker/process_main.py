@@ -10,29 +10,34 @@ import signal
 import sys
 from multiprocessing.connection import Connection
 
-from merap.checker.exchange import Answer, ModelText
-from merap.checker.storm import StormModel, build_weighted
+from merap.checker.exchange import Answer, ForeignModel, ModelText
+from merap.checker.property_file import Property
+from merap.checker.storm import build_foreign, build_weighted
+from merap.checker.storm_model import StormModel
 from merap.errors import MerapError
 from merap.mdp.model import Floats
 
 
 def _serve(connection: Connection, timeout: float) -> None:
     """Answer requests until the caller is gone."""
-    built: tuple[StormModel, Floats] | None = None
+    storm: StormModel | None = None
+    initial: Floats | None = None
     while True:
         try:
             request = connection.recv()
         except EOFError:
             return
         signal.setitimer(signal.ITIMER_REAL, timeout)
-        reply: Answer | MerapError | None = None
+        reply: Answer | MerapError | tuple[str, ...] = ()
         try:
             if isinstance(request, ModelText):
-                built = build_weighted(request)
+                storm, initial = build_weighted(request)
+            elif isinstance(request, ForeignModel):
+                (storm, reply), initial = build_foreign(request), None
             else:
-                assert built is not None
-                storm, initial = built
-                reply = storm.check(request, initial)
+                assert storm is not None
+                assert isinstance(request, Property)
+                reply = storm.check_property(request, initial)
         except MerapError as error:
             reply = error
         signal.setitimer(signal.ITIMER_REAL, 0)

@@ -1,34 +1,27 @@
-"""Answer a property soundly: in doubles where their error does not matter, else in exact arithmetic.
+"""Solve flat properties soundly: in doubles where their error does not matter, else in fractions.
 
-Storm's iterations in doubles end when their bounds meet, which they never do on a slowly mixing
-model; their number is limited, and whatever has not met by then is solved in fractions. Limiting
-them also limits what rounding adds up to. Everything below the root of a property decides a
-truth value that is used at once, without bounds, so such a property is checked in fractions alone.
+A flat property is one operator over labels. Storm's iterations in doubles end when their bounds meet,
+which they never do on a slowly mixing model; their number is limited, and whatever has not met by then
+is solved in fractions. Limiting them also limits what rounding adds up to.
+
+Axes: S states, I states whose values are asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import ceil, log
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Protocol
 
+import numpy as np
 import stormpy
 from stormpy.exceptions import StormError
-from stormpy.logic import (
-    ComparisonType,
-    DiscountedTotalRewardFormula,
-    LongRunAverageOperatorFormula,
-    LongRunAverageRewardFormula,
-    OperatorFormula,
-    OptimizationDirection,
-)
 
-from merap.checker.exchange import Answer
-from merap.checker.formulas import count_operators, count_queries, other_logic, unbounded_rewards
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.errors import EngineError, InputError, MerapError
-from merap.mdp.model import Floats
+from merap.mdp.model import Bools, Floats, Ints
 
 PRECISION = "1/1000000000000"
 MAX_ITERATIONS = 100_000
@@ -48,175 +41,137 @@ class Models(Protocol):
     def exact(self) -> Any:
         """stormpy's sparse model in fractions, its states in the same order."""
 
-    def rewards(self, structure: str | None) -> Floats | None:
-        """Return float64 [C], the reward of each choice; None if there is no such structure."""
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Values of states with sound bounds; where none were asked for, they mean nothing.
+
+    Attributes:
+        value: float64 [S].
+        lower: float64 [S]; NaN where there is no bound.
+        upper: float64 [S]; NaN where there is no bound.
+        exact: computed in fractions; then rounded once.
+    """
+
+    value: Floats
+    lower: Floats
+    upper: Floats
+    exact: bool = False
+
+    def mapped(self, function: Any) -> Values:
+        """Return the values under a rising function, such as `np.floor`."""
+        return Values(function(self.value), function(self.lower), function(self.upper), self.exact)
+
+    @staticmethod
+    def constant(value: float, size: int) -> Values:
+        """Return one known value for every state."""
+        array = np.full(size, value)
+        return Values(array, array, array, exact=True)
 
 
-class _Value(NamedTuple):
-    """The value in one state, with the engine's bounds."""
+@dataclass(frozen=True)
+class Bound:
+    """What a value is compared with.
 
-    value: float
-    lower: float | None
-    upper: float | None
+    Attributes:
+        comparison: `<`, `<=`, `>` or `>=`.
+        threshold: exact.
+    """
+
+    comparison: str
+    threshold: Fraction
+
+    @property
+    def asks_for_more(self) -> bool:
+        """Whether greater values meet it."""
+        return self.comparison.startswith(">")
+
+    def of_complement(self) -> Bound:
+        """Return the bound that 1 - v meets where v meets this one."""
+        mirrored = self.comparison.translate(str.maketrans("<>", "><"))
+        return Bound(mirrored, 1 - self.threshold)
+
+    def clearly_met(self, values: Values, states: Ints, largest: float) -> Bools | None:
+        """Return bool [S], who meets it; None if a value is too close to tell.
+
+        Args:
+            values: of all states.
+            states: int64 [I], those that matter.
+            largest: the largest absolute reward that the values sum up.
+        """
+        threshold = float(self.threshold)
+        distance = np.abs(values.value[states] - threshold)
+        if not np.all(distance > TOO_CLOSE * max(1.0, abs(threshold), largest)):
+            return None
+        met: Bools = (values.value > threshold) == self.asks_for_more
+        return met
+
+    def __str__(self) -> str:
+        return f"{self.comparison}{self.threshold}"
 
 
-def answer(models: Models, formula: Any, place: str, weights: Floats) -> Answer:
-    """Answer a property.
+def approximate(models: Models, formula: str, place: str, states: Ints) -> Values | None:
+    """Solve a query in doubles; None where the bounds of a state have not met, or there are none.
 
     Args:
         models: the model.
-        formula: stormpy's formula.
+        formula: as `Pmax=? [F "goal"]`.
         place: names model and property in messages.
-        weights: float64 [I], of the initial states.
+        states: int64 [I], those whose values are needed.
 
     Raises:
-        InputError: the property names something unknown, or asks for a value inside another.
-        UnsupportedPropertyError: Storm can't answer this kind, or not soundly.
-        ModelError: fractions are needed, and give another model.
+        UnsupportedPropertyError: Storm can't answer this kind.
         EngineError: Storm failed.
     """
-    text = str(formula)
-    _refuse_unsound(models, text, place)
-    if not isinstance(formula, OperatorFormula):
-        model = models.exact if count_operators(text) else models.model
-        return Answer(holds=_holds_everywhere(model, formula, place))
-    if count_queries(text) > (not formula.has_bound):
-        raise InputError(f"{place}: an operator inside another needs a bound, as P>=0.5 [..]")
-    plain = count_operators(text) == 1
-    quantity = _without_bound(formula) if formula.has_bound else formula
-    values = _approximate(models, quantity, place) if plain else None
-    clear = values is not None and formula.has_bound and _is_clear(models, formula, values)
-    if values is None:
-        values = _exact(models.exact, quantity, place)
-    holds = None
-    if clear:
-        holds = all(_meets(formula, value.value) for value in values)
-    elif formula.has_bound:
-        holds = _holds_everywhere(models.exact, formula, place)
-    value, lower, upper = (_mean(weights, column) for column in zip(*values, strict=True))
-    return Answer(value, lower, upper, holds)
-
-
-def _refuse_unsound(models: Models, text: str, place: str) -> None:
-    """Refuse what Storm answers wrongly, or never, wherever it stands in the property."""
-    if (logic := other_logic(text)) is not None:
-        raise UnsupportedPropertyError(f"{place}: Storm has no single value for it with bounds: {logic}")
-    for structure in unbounded_rewards(text):
-        rewards = models.rewards(structure)
-        if rewards is not None and (rewards < 0).any():
-            raise UnsupportedPropertyError(
-                f"{place}: rewards {structure or ''!r} are below 0 somewhere, and Storm sums up such rewards "
-                "soundly only over a bounded number of steps; write [C<=k]"
-            )
-
-
-def _without_bound(formula: Any) -> Any:
-    """Ask for the bounded value: the least for `P>=p`, which is about every policy, else the greatest."""
-    quantity = formula.clone()
-    quantity.remove_bound()
-    if not quantity.has_optimality_type:
-        quantity.set_optimality_type(
-            OptimizationDirection.MINIMIZE if _asks_for_more(formula) else OptimizationDirection.MAXIMIZE
-        )
-    return quantity
-
-
-def _asks_for_more(formula: Any) -> bool:
-    return formula.comparison_type in (ComparisonType.GEQ, ComparisonType.GREATER)
-
-
-def _approximate(models: Models, quantity: Any, place: str) -> list[_Value] | None:
-    """Return values in doubles in the initial states; None where their bounds have not met, or can't."""
-    if isinstance(quantity, LongRunAverageOperatorFormula):
+    result = _run(models.model, formula, place)
+    if not (result.has_lower_bounds() and result.has_upper_bounds()):
         return None
-    if isinstance(quantity.subformula, LongRunAverageRewardFormula):
-        return None
-    if isinstance(quantity.subformula, DiscountedTotalRewardFormula):
-        return _discounted_total(models, quantity, place)
-    result = _run(models.model, quantity, place)
-    bounds = [(state, result[state]) for state in models.model.initial_states]
-    values = [_Value(result.get_value(state), bound.lower, bound.upper) for state, bound in bounds]
-    return values if all(map(_have_met, values)) else None
+    values = Values(
+        np.array(result.get_value_vector(), dtype=np.float64),
+        np.array(result.get_lower_bound_vector(), dtype=np.float64),
+        np.array(result.get_upper_bound_vector(), dtype=np.float64),
+    )
+    value, lower, upper = values.value[states], values.lower[states], values.upper[states]
+    with np.errstate(invalid="ignore"):
+        narrow = (lower == upper) | (upper - lower <= WIDTH * np.maximum(1, np.abs(value)))
+    return values if np.all(narrow & (lower <= value) & (value <= upper)) else None
 
 
-def _have_met(value: _Value) -> bool:
-    if value.lower is None or value.upper is None or not value.lower <= value.value <= value.upper:
-        return False
-    return value.lower == value.upper or value.upper - value.lower <= WIDTH * max(1, abs(value.value))
+def exactly(models: Models, formula: str, place: str) -> Values:
+    """Solve a query in fractions; the bounds that Storm states beside them are not always of the same value.
+
+    Raises:
+        ModelError: the model is another one in fractions.
+        UnsupportedPropertyError: Storm can't answer this kind.
+        EngineError: Storm failed.
+    """
+    result = _run(models.exact, formula, place)
+    value = np.array([float(one) for one in result.get_value_vector()])
+    known = result.has_lower_bounds() and result.has_upper_bounds()
+    bound = value if known else np.full(len(value), np.nan)
+    return Values(value, bound, bound, exact=True)
 
 
-def _discounted_total(models: Models, quantity: Any, place: str) -> list[_Value]:
-    """Rewrite a discounted sum without end as one over enough steps to leave next to nothing out."""
-    with translated(place, model=models.model):
-        discount = quantity.subformula.discount_factor_double
-    steps = ceil(log(TAIL * (1 - discount)) / log(discount))
-    text = str(quantity).replace("[Cdiscount=", f"[C<={steps}discount=")
-    result = _run(models.model, stormpy.parse_properties(text)[0].get_raw_formula(), place)
-    tail = TAIL * _largest_reward(models, quantity)
-    values = [result.get_value(state) for state in models.model.initial_states]
-    return [_Value(value, value - tail, value + tail) for value in values]
+def holds_exactly(models: Models, formula: str, place: str) -> Bools:
+    """Return bool [S], where a property with a bound holds, in fractions; raises as `exactly`."""
+    result = _run(models.exact, formula, place)
+    met = np.zeros(models.exact.nr_states, dtype=np.bool_)
+    met[list(result.get_truth_values_vector())] = True
+    return met
 
 
-def _largest_reward(models: Models, formula: Any) -> float:
-    """Return the largest absolute reward that a property sums up; 0 where it sums up none."""
-    if not formula.is_reward_operator_formula:
-        return 0
-    rewards = models.rewards(formula.reward_name if formula.has_reward_model_name() else None)
-    return 0 if rewards is None else float(abs(rewards).max(initial=0))
-
-
-def _is_clear(models: Models, formula: Any, values: list[_Value]) -> bool:
-    """Whether all values are further from the threshold than any error of theirs."""
-    threshold = _threshold(formula)
-    margin = TOO_CLOSE * max(1, abs(threshold), _largest_reward(models, formula))
-    return all(abs(value.value - threshold) > margin for value in values)
-
-
-def _meets(formula: Any, value: float) -> bool:
-    return (value > _threshold(formula)) == _asks_for_more(formula)
-
-
-def _threshold(formula: Any) -> float:
-    """Return the threshold as a float; stormpy's own rational divides integers as integers, 1/2 to 0."""
-    return float(formula.threshold_expr.evaluate_as_double())
-
-
-def _exact(model: Any, quantity: Any, place: str) -> list[_Value]:
-    """Return values in fractions; the bounds Storm states beside them are not always of the same value."""
-    result = _run(model, quantity, place)
-    values = []
-    for state in model.initial_states:
-        value = float(result.get_value(state))
-        bound = None if result[state].lower is None or result[state].upper is None else value
-        values.append(_Value(value, bound, bound))
-    return values
-
-
-def _holds_everywhere(model: Any, formula: Any, place: str) -> bool:
-    result = _run(model, formula, place)
-    return all(bool(result[state]) for state in model.initial_states)
-
-
-def _run(model: Any, formula: Any, place: str) -> Any:
+def _run(model: Any, formula: str, place: str) -> Any:
     environment = stormpy.environments.default(model)
     if not model.is_exact:
         for solver in (environment.solver().min_max(), environment.solver().native()):
             solver.precision = stormpy.Rational(PRECISION)
             solver.maximal_number_of_iterations = MAX_ITERATIONS
     with translated(place, model=model):
-        result = stormpy.model_checking(model, formula, environment=environment)
+        parsed = stormpy.parse_properties(formula)[0].get_raw_formula()
+        result = stormpy.model_checking(model, parsed, environment=environment)
     if result is None or result.is_pareto_curve_check_result():
         raise UnsupportedPropertyError(f"{place}: Storm has no single value for it")
     return result
-
-
-def _mean(weights: Floats, values: tuple[float | None, ...]) -> float | None:
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return None
-    return float(
-        sum(weight * value for weight, value in zip(weights.tolist(), known, strict=True) if weight > 0)
-    )
 
 
 @contextmanager

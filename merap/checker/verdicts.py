@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from math import isfinite
-from typing import Any, Literal, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
+from merap.checker.attempts import Attempt, Status, attempt, for_json
 from merap.checker.exchange import Answer, ModelText
 from merap.checker.model_text import model_text
 from merap.checker.obstruction import goal_locations, obstruction
 from merap.checker.process import CheckingProcess, OverTimeError
 from merap.checker.properties import HOLDS_IF_POSITIVE, TIMEOUT, properties
-from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.concerns.arguments import as_text
 from merap.concerns.combination import Combination, DeclaredCombination
 from merap.concerns.lookup import as_combination
 from merap.errors import InputError
-
-Status = Literal["ok", "unsupported", "timeout"]
-NO_ANSWER = Answer()
 
 
 @dataclass(frozen=True)
@@ -54,10 +51,7 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON, which has no infinity: `inf` is a string."""
-        return {
-            name: str(value) if isinstance(value, float) and not isfinite(value) else value
-            for name, value in asdict(self).items()
-        }
+        return {name: for_json(value) for name, value in asdict(self).items()}
 
 
 def verify(
@@ -114,24 +108,15 @@ def _verdicts(process: CheckingProcess, task: _Task) -> Iterator[Verdict]:
     try:
         process.finish()
     except OverTimeError as error:
-        for name, text in wanted.items():
-            yield _verdict(combination, name, text, NO_ANSWER, "timeout", str(error))
+        late = Attempt(Answer(), "timeout", str(error))
+        yield from (_verdict(combination, name, text, late) for name, text in wanted.items())
         return
     for name, text in wanted.items():
-        status: Status = "ok"
-        reason = None
-        try:
-            answer = process.check(text)
-        except UnsupportedPropertyError as error:
-            answer, status, reason = NO_ANSWER, "unsupported", str(error)
-        except OverTimeError as error:
-            answer, status, reason = NO_ANSWER, "timeout", str(error)
-        yield _verdict(combination, name, text, answer, status, reason)
+        yield _verdict(combination, name, text, attempt(partial(process.check, text)))
 
 
-def _verdict(
-    combination: Combination, name: str, text: str, answer: Answer, status: Status, reason: str | None
-) -> Verdict:
+def _verdict(combination: Combination, name: str, text: str, found: Attempt) -> Verdict:
+    answer = found.answer
     holds = answer.holds
     if name in HOLDS_IF_POSITIVE and holds is None and answer.value is not None:
         holds = answer.value > 0
@@ -144,8 +129,8 @@ def _verdict(
         lower=answer.lower,
         upper=answer.upper,
         holds=holds,
-        status=status,
-        reason=_reason(combination, answer) if holds is False else reason,
+        status=found.status,
+        reason=_reason(combination, answer) if holds is False else found.reason,
     )
 
 

@@ -10,7 +10,18 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
-from merap.cli import adapting, inspection, knowledge, learning, loop, modelling, policies, serving, tools
+from merap.cli import (
+    adapting,
+    checking,
+    inspection,
+    knowledge,
+    learning,
+    loop,
+    modelling,
+    policies,
+    serving,
+    tools,
+)
 from merap.cli.interruption import INTERRUPTED, interrupted_line
 from merap.cli.output import require_verb, say
 from merap.concerns.validation import message
@@ -20,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for group in (inspection, modelling, learning, adapting, policies, loop, knowledge, serving, tools):
+for group in (inspection, modelling, checking, learning, adapting, policies, loop, knowledge, serving, tools):
     group.register(app)
 
 

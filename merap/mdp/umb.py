@@ -20,7 +20,9 @@ from merap.mdp.umb_encoding import encode
 from merap.mdp.umb_index import parse_index
 
 
-def read_umb(path: str | PathLike[str], reward: str | None = "objective") -> TabularMDP:
+def read_umb(
+    path: str | PathLike[str], reward: str | None = "objective", *, numbered: bool = False
+) -> TabularMDP:
     """Read an MDP or a Markov chain; the one action of a chain is called `step`.
 
     State and choice rewards are added up, as are the means of branch rewards. Several
@@ -32,6 +34,8 @@ def read_umb(path: str | PathLike[str], reward: str | None = "objective") -> Tab
     Args:
         path: an archive, plain or compressed by gzip or xz.
         reward: name of the reward structure; None for rewards of 0.
+        numbered: call further choices of one action in a state `a#2`, `a#3`, ..., and where there are no
+            state valuations, number the states by a variable `state`.
 
     Returns:
         The model; states and choices keep the archive's numbers.
@@ -44,7 +48,7 @@ def read_umb(path: str | PathLike[str], reward: str | None = "objective") -> Tab
     archive = open_archive(Path(path))
     index = parse_index(bytes(archive.content("index.json")), archive.source)
     try:
-        return decode(archive, index, reward)
+        return decode(archive, index, reward, numbered=numbered)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from error
 

@@ -24,13 +24,14 @@ from merap.mdp.umb_valuations import read_valuations
 _FOREIGN_ENTRIES = ("state-is-markovian.bin", "state-to-exit-rate.bin")
 
 
-def decode(archive: Archive, index: Index, reward: str | None) -> TabularMDP:
+def decode(archive: Archive, index: Index, reward: str | None, *, numbered: bool = False) -> TabularMDP:
     """Decode an archive; branches of probability 0 are dropped, those to one state added up.
 
     Args:
         archive: its entries.
         index: its index.
         reward: name of the reward structure; None for rewards of 0.
+        numbered: number what has no name of its own, as `read_umb` says.
 
     Raises:
         InputError: an entry is missing, damaged or contradicts the index; the archive has no
@@ -41,8 +42,14 @@ def decode(archive: Archive, index: Index, reward: str | None) -> TabularMDP:
     _check_kind(archive, system)
     rows = _read_rows(archive, system)
     _check_players(archive, system, rows)
-    variable_names, valuations = read_valuations(archive, index)
+    if numbered and "states" not in index.valuations:
+        variable_names: tuple[str, ...] = ("state",)
+        valuations: Ints = np.arange(system.num_states)[:, None]
+    else:
+        variable_names, valuations = read_valuations(archive, index)
     action_names, choice_action = _read_actions(archive, system, rows.state_to_choice)
+    if numbered:
+        action_names, choice_action = _numbered(action_names, choice_action, rows.state_to_choice)
     choice_reward, branch_reward = read_rewards(
         archive, index, reward, rows.state_to_choice, rows.choice_to_branch, rows.branch_prob
     )
@@ -166,6 +173,20 @@ def _read_action_table(
         return tuple(content[start:end].decode() for start, end in pairwise(ends.tolist())), number
     except UnicodeDecodeError as error:
         raise InputError(f"an action name isn't UTF-8 ({error})", source=archive.source) from error
+
+
+def _numbered(names: tuple[str, ...], action: Ints, state_to_choice: Ints) -> tuple[tuple[str, ...], Ints]:
+    """Number the choices of one action in a state from the second on."""
+    state = np.repeat(np.arange(len(state_to_choice) - 1), np.diff(state_to_choice))
+    key = state * len(names) + action
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    place = np.arange(len(key)) - np.repeat(starts, np.diff(starts, append=len(key)))
+    repeat = np.empty_like(place)
+    repeat[order] = place
+    used, number = np.unique(np.stack((repeat, action)), axis=1, return_inverse=True)
+    found = [names[of] + (f"#{times + 1}" if times else "") for times, of in used.T.tolist()]
+    return tuple(found), number.ravel()
 
 
 def _number_choices(state_to_choice: Ints, *, is_chain: bool) -> tuple[tuple[str, ...], Ints]:

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import typer
 
-from merap.checker.storm import StormModel, build_text
-from merap.families.loading import load_case
+from merap.checker.storm import build_text
+from merap.checker.storm_model import StormModel
+from merap.concerns.case_study import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt

@@ -13,7 +13,8 @@ from typing import Annotated, TypeVar
 import typer
 
 from merap.checker.prism_reading import read_prism
-from merap.checker.storm import StormModel, build_text
+from merap.checker.storm import build_text
+from merap.checker.storm_model import StormModel
 from merap.mdp.model import Ints, TabularMDP
 from merap.mdp.umb import read_umb
 from merap.program.arrays import tabular

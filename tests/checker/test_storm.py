@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from merap.checker.combination_model import build_combination
-from merap.checker.storm import StormModel, build_text
+from merap.checker.storm import build_text
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
+from merap.checker.storm_model import StormModel
 from merap.concerns.combination import Combination
 from merap.errors import EngineError, InputError, MerapError
 from merap.families.models import explored
@@ -185,19 +186,31 @@ def test_weights_of_start_locations_reach_the_arrays() -> None:
 
 
 WRONG = [
-    ('Pmax=? [F "gaol"]', "The property refers to unknown label 'gaol'; did you mean 'goal'?"),
-    ("Pmax=? [F x=2]", "The property refers to unknown label '(x = 2)'; known: deadlock, goal, init"),
-    ('Pmax=? [F "goal"', 'syntax error: expecting "]"'),
-    ("Pmax=? [F ", "syntax error: expecting <basic path formula>, here: F"),
-    ("Pmax=? [F y=2]", "syntax error: expecting <basic path formula>, here: F y=2]"),
-    ('P=? [F "goal"]', "Formula needs to specify whether minimal or maximal values"),
-    ('R{"cost"}max=? [C<=3]', "The requested reward model 'cost' does not exist; known: objective, steps"),
+    ('Pmax=? [F "gaol"]', "unknown label 'gaol'; did you mean 'goal'?"),
+    ('Pmax=? [F "goal"', "syntax error at column 17, at the end"),
+    ("Pmax=? [F ", "syntax error at column 11, at the end"),
+    ("Pmax=? [F y=2]", "unknown variable 'y' at column 11; known: x"),
+    ("Pmax=? [F x]", "a number stands where a truth value is expected"),
+    ('P=? [F "goal"]', "an MDP has a value for each policy: ask for the least or greatest, as Pmax=?"),
+    ('R{"cost"}max=? [C<=3]', "unknown reward model 'cost'; known: objective, steps"),
+    ("R{3}max=? [C<=3]", "the model has 2 reward structures"),
+    ("Pmax=? [F<=x x=2]", "a number of steps reads 'x', which is no constant"),
+    ("Pmax=? [F<=0.5 x=2]", "1/2 is no whole number of steps"),
+    ("Pmax=? [F[3,2] x=2]", "a bound on time leaves no step"),
+    ("Pmax=? [F<0 x=2]", "a bound on time leaves no step"),
+    ("filter(state, Pmax=? [F x=3], x<2)", "the filter asks for one state, and 2 are meant"),
+    ("filter(min, Pmax=? [F x=3], x<0)", "no state is one that the filter asks for"),
     ('Pmax=? [F "goal"]; Pmin=? [F "goal"]', "holds 2 properties, expected 1"),
     ("// nothing", "holds 0 properties, expected 1"),
-    ('const int k; Pmax=? [F<=k "goal"]', "a constant has no value"),
+    ('const int k; Pmax=? [F<=k "goal"]', "constant 'k' has no value"),
 ]
 UNSUPPORTED = [
-    ('filter(max, Pmax=? [F "goal"], "goal")', "filters are not supported"),
+    ("filter(print, Pmax=? [F x=3])", "filter(print, ..) is not supported; expected one of min, max"),
+    ("E [G x<3]", "E of a path without end is not supported"),
+    ("E [x<3 W x=3]", "E of a path without end is not supported"),
+    ('R{"steps"}max=? [x<2 U x=3]', "rewards of this path"),
+    ("pow(Pmax=? [F x=3], 2)", "pow(..) of a value that is computed is not supported"),
+    ("Pmax=? [F>=2 (F>=3 x=2)]", "a bound on time around another path formula"),
     ('multi(Pmax=? [F "goal"], Pmax=? [F "deadlock"])', "Storm has no single value for it"),
     ('R{"objective"}min=? [F "goal"]', "rewards 'objective' are below 0 somewhere"),
     ('R{"objective"}max>=0 [C]', "rewards 'objective' are below 0 somewhere"),

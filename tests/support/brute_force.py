@@ -78,10 +78,14 @@ def _path_text(path: Formula) -> str:
     match path:
         case ("X" | "F" | "G" as kind, inner):
             return f"{kind} ({text_of(inner)})"
-        case ("F<=", steps, inner):
-            return f"F<={steps} ({text_of(inner)})"
-        case ("U", left, right):
-            return f"({text_of(left)}) U ({text_of(right)})"
+        case ("F<=" | "F>=" | "G<=" | "G>=" as kind, steps, inner):
+            return f"{kind}{steps} ({text_of(inner)})"
+        case ("U" | "W" | "R" as kind, left, right):
+            return f"({text_of(left)}) {kind} ({text_of(right)})"
+        case ("U>=", steps, left, right):
+            return f"({text_of(left)}) U>={steps} ({text_of(right)})"
+        case ("U[]", least, most, left, right):
+            return f"({text_of(left)}) U[{least},{most}] ({text_of(right)})"
         case ("C<=", steps):
             return f"C<={steps}"
     raise AssertionError(path)
@@ -138,7 +142,58 @@ def _probabilities(mdp: SmallMDP, path: Formula, best: Any) -> Sequence[Fraction
             opposite = min if best is max else max
             leaves = _until(mdp, everywhere, everywhere - satisfying(mdp, inner), opposite)
             return [1 - value for value in leaves]
+    return _rewritten(mdp, path, best)
+
+
+def _rewritten(mdp: SmallMDP, path: Formula, best: Any) -> Sequence[Fraction]:
+    match path:
+        case ("G<=", steps, inner):
+            stay = satisfying(mdp, inner)
+            return _within(mdp, best, steps, stay, _indicator(mdp, stay))
+        case ("W", left, right):
+            return _weak_until(mdp, satisfying(mdp, left), satisfying(mdp, right), best)
+        case ("R", left, right):
+            held = satisfying(mdp, right)
+            return _weak_until(mdp, held, held & satisfying(mdp, left), best)
+    return _later(mdp, path, best)
+
+
+def _later(mdp: SmallMDP, path: Formula, best: Any) -> Sequence[Fraction]:
+    everywhere = frozenset(range(len(mdp.choices)))
+    match path:
+        case ("F>=" | "G>=" as kind, steps, inner):
+            return _within(mdp, best, steps, everywhere, list(_probabilities(mdp, (kind[0], inner), best)))
+        case ("U>=", steps, left, right):
+            then = list(_probabilities(mdp, ("U", left, right), best))
+            return _within(mdp, best, steps, satisfying(mdp, left), then)
+        case ("U[]", least, most, left, right):
+            stay, goal = satisfying(mdp, left), satisfying(mdp, right)
+            then = _indicator(mdp, goal)
+            for _ in range(most - least):
+                again = _within(mdp, best, 1, stay - goal, then)
+                then = [Fraction(1) if state in goal else again[state] for state in everywhere]
+            return _within(mdp, best, least, stay, then)
     raise AssertionError(path)
+
+
+def _within(mdp: SmallMDP, best: Any, steps: int, stay: States, found: list[Fraction]) -> list[Fraction]:
+    """Take so many steps, each from a state to stay in; 0 elsewhere."""
+    for _ in range(steps):
+        moved = _step(mdp, best, 1, found)
+        found = [moved[state] if state in stay else Fraction(0) for state in range(len(mdp.choices))]
+    return found
+
+
+def _weak_until(mdp: SmallMDP, left: States, right: States, best: Any) -> list[Fraction]:
+    """Return the best probability to reach `right` through `left`, or to stay in `left` for ever."""
+    everywhere = frozenset(range(len(mdp.choices)))
+    columns = []
+    for policy in _policies(mdp):
+        chain = _chain(mdp, policy)
+        reached = _reaching(chain, left, right)
+        left_behind = _reaching(chain, everywhere, everywhere - (left - right))
+        columns.append([one + 1 - other for one, other in zip(reached, left_behind, strict=True)])
+    return [best(column) for column in zip(*columns, strict=True)]
 
 
 def _indicator(mdp: SmallMDP, states: States) -> list[Fraction]:
