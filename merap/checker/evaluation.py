@@ -10,14 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from merap.checker.checked_model import CheckedModel
 from merap.checker.exchange import Answer
 from merap.checker.filters import FilterParts, filter_parts, filtered
-from merap.checker.operators import OPERATORS, LabelledModel, OperatorReader, Query, solve, truths
+from merap.checker.operators import OPERATORS, OperatorReader, Query, solve, truths
 from merap.checker.path_text import PathText, path_text
 from merap.checker.property_expressions import expression, is_expression, number
 from merap.checker.property_file import Node
@@ -30,22 +31,6 @@ from merap.program.expressions import Expression, Kind, check, evaluate, substit
 from merap.program.names import suggestion
 
 
-class NamedModel(LabelledModel, Protocol):
-    """A model whose variables can be read."""
-
-    @property
-    def definitions(self) -> Mapping[str, Expression]:
-        """Formulas and constants of the text, over variables."""
-
-    @property
-    def columns(self) -> Mapping[str, npt.NDArray[Any]]:
-        """Values of the variables in all states, [S]; bool where a variable is."""
-
-    @property
-    def constants(self) -> Mapping[str, Fraction | bool]:
-        """Values of the constants of the text."""
-
-
 class Evaluator:
     """Evaluate properties of one model.
 
@@ -54,7 +39,7 @@ class Evaluator:
         place: names model and property in messages.
     """
 
-    def __init__(self, model: NamedModel, place: str) -> None:
+    def __init__(self, model: CheckedModel, place: str) -> None:
         self._model, self._place = model, place
         self._reader = OperatorReader(model, self._label, self._number)
         self._all: Ints = np.arange(model.arrays.num_states)

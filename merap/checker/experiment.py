@@ -11,7 +11,7 @@ from merap.checker.checking import Result
 from merap.errors import InputError
 
 
-class Table(NamedTuple):
+class ResultTable(NamedTuple):
     """Results of properties that depend on the same constants.
 
     Attributes:
@@ -23,7 +23,7 @@ class Table(NamedTuple):
     rows: Mapping[tuple[str, ...], Mapping[str, Result]]
 
 
-def tables(results: Sequence[Result]) -> list[Table]:
+def tables(results: Sequence[Result]) -> list[ResultTable]:
     """Return a table for each set of constants that properties vary with."""
     varying = _varying(results)
     found: dict[tuple[str, ...], dict[tuple[str, ...], dict[str, Result]]] = {}
@@ -31,7 +31,7 @@ def tables(results: Sequence[Result]) -> list[Table]:
         names = tuple(name for name in result.constants if name in varying)
         row = tuple(result.constants[name] for name in names)
         found.setdefault(names, {}).setdefault(row, {})[result.name] = result
-    return [Table(names, rows) for names, rows in found.items()]
+    return [ResultTable(names, rows) for names, rows in found.items()]
 
 
 def lines(results: Sequence[Result]) -> tuple[str, dict[str, list[tuple[float, float]]]]:

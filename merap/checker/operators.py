@@ -5,54 +5,26 @@ Axes: S states, I states whose values matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, log
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
+from merap.checker.checked_model import CheckedModel
 from merap.checker.path_text import PathText, path_text
 from merap.checker.property_file import Node
-from merap.checker.solving import TAIL, Bound, Models, Values, approximate, exactly, holds_exactly
+from merap.checker.solving import TAIL, Bound, Values, approximate, exactly, holds_exactly
 from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.errors import InputError
 from merap.mdp.csr import row_best
-from merap.mdp.model import Bools, Floats, Ints, TabularMDP
+from merap.mdp.model import Bools, Ints
 from merap.program.names import suggestion
 
 OPERATORS = frozenset(("probability", "long_run", "reward"))
 FRESH = 1e-15  # of a value in one step of ours: bounds are widened by it
-
-
-class LabelledModel(Models, Protocol):
-    """A model that labels can be added to."""
-
-    @property
-    def arrays(self) -> TabularMDP:
-        """The same as arrays."""
-
-    @property
-    def is_chain(self) -> bool:
-        """Whether no state has a choice to make."""
-
-    @property
-    def structures(self) -> tuple[str, ...]:
-        """Names of the reward structures, in the order of the text."""
-
-    @property
-    def labels(self) -> Mapping[str, Bools]:
-        """Label -> bool [S], where it holds; those of the text and `init`."""
-
-    def rewards(self, structure: str) -> Floats:
-        """Return float64 [C], the expected reward of each choice."""
-
-    def label_of(self, mask: Bools) -> str:
-        """Return the name of a label that holds where bool [S] is true."""
-
-    def mask_of(self, label: str) -> Bools:
-        """Return bool [S], where a label holds."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +70,7 @@ class OperatorReader:
 
     def __init__(
         self,
-        model: LabelledModel,
+        model: CheckedModel,
         label: Callable[[Node], str],
         number: Callable[[Node, str], Fraction],
     ) -> None:
@@ -225,7 +197,7 @@ class OperatorReader:
             )
 
 
-def solve(model: LabelledModel, query: Query, place: str, states: Ints) -> Values:
+def solve(model: CheckedModel, query: Query, place: str, states: Ints) -> Values:
     """Solve a query, its bound left aside.
 
     Args:
@@ -253,7 +225,7 @@ def solve(model: LabelledModel, query: Query, place: str, states: Ints) -> Value
     return values
 
 
-def truths(model: LabelledModel, query: Query, values: Values, place: str, states: Ints) -> Bools:
+def truths(model: CheckedModel, query: Query, values: Values, place: str, states: Ints) -> Bools:
     """Return bool [S], where the query's bound is met; raises as `solve`."""
     bound = query.bound
     assert bound is not None
@@ -268,11 +240,11 @@ def truths(model: LabelledModel, query: Query, values: Values, place: str, state
     return holds_exactly(model, query.with_bound(bound), place)
 
 
-def _largest_reward(model: LabelledModel, query: Query) -> float:
+def _largest_reward(model: CheckedModel, query: Query) -> float:
     return 0.0 if query.structure is None else float(np.abs(model.rewards(query.structure)).max(initial=0))
 
 
-def _delayed(model: LabelledModel, values: Values, query: Query) -> Values:
+def _delayed(model: CheckedModel, values: Values, query: Query) -> Values:
     """Let the steps go by that a path has to take first."""
     mdp = model.arrays
     stay = np.ones(mdp.num_states, dtype=np.bool_)

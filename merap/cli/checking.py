@@ -53,12 +53,13 @@ def check(
     from merap.checker.checking import check as check_properties
 
     require_free_report(json, force=force)
+    require_free_report(plot, force=force)
     done = check_properties(model, properties, constants=constants or (), only=only or (), timeout=timeout)
+    if plot is not None:
+        _draw(done, model, plot, force=force)
     warn(done.notes)
     report = [result.as_dict() for result in done.results]
     write_json(json, {"model": str(model), "notes": done.notes, "results": report}, force=force)
-    if plot is not None:
-        _draw(done, model, plot, force=force)
     if str(json) != "-":
         _show(done)
     if any(result.holds is False for result in done.results):

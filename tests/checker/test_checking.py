@@ -122,7 +122,7 @@ def test_truth_values(climb: Path, text: str, holds: bool) -> None:
 
 
 def test_a_result_says_how_sure_it_is(climb: Path) -> None:
-    bounded = one(climb, "Rmin=? [C<=2]", "N=3,p=0.5")
+    bounded = one(climb, "Rmax=? [C<=2]", "N=3,p=0.5")
     assert bounded.method == "doubles"
     assert bounded.lower is not None
     assert bounded.upper is not None
