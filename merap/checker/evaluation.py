@@ -22,7 +22,7 @@ from merap.checker.operators import OPERATORS, OperatorReader, Query, solve, tru
 from merap.checker.path_text import PathText, path_text
 from merap.checker.property_expressions import expression, is_expression, number
 from merap.checker.property_file import Node
-from merap.checker.solving import Bound, Values
+from merap.checker.solving import Bound, Values, mean_answer
 from merap.checker.storm_messages import UnsupportedPropertyError
 from merap.checker.value_arithmetic import ARITHMETIC, COMPARISONS, LOGICAL, call, compared, negative
 from merap.errors import InputError
@@ -69,10 +69,10 @@ class Evaluator:
         while tree.data == "brackets":
             tree = tree.children[0]
         if self._is_number(tree):
-            return _mean(self.numbers(tree, states), weights, None)
+            return mean_answer(self.numbers(tree, states), weights, None)
         if tree.data in OPERATORS and not filter_parts(tree):
             values, met = self._bounded(tree, states)
-            return _mean(values, weights, bool(met[states].all()))
+            return mean_answer(values, weights, bool(met[states].all()))
         return Answer(holds=bool(self.truths(tree, states)[states].all()))
 
     def numbers(self, tree: Node, states: Ints) -> Values:
@@ -284,20 +284,3 @@ def _checked(found: Expression, kinds: Mapping[str, Kind]) -> Expression:
 
 def _condition(tree: Node) -> Node:
     return next(one for one in tree.children if getattr(one, "data", None) in ("query", "threshold"))
-
-
-def _mean(values: Values, weights: Floats, holds: bool | None) -> Answer:
-    """Return the mean over the initial states; infinite where the value of one is."""
-    states = np.flatnonzero(weights)
-    mean, lower, upper = (
-        float(weights[states] @ column[states]) for column in (values.value, values.lower, values.upper)
-    )
-    return Answer(
-        mean,
-        None if np.isnan(lower) else lower,
-        None if np.isnan(upper) else upper,
-        holds,
-        exact=values.exact,
-        least=float(values.value[states].min()),
-        greatest=float(values.value[states].max()),
-    )

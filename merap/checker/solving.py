@@ -19,6 +19,7 @@ import numpy as np
 import stormpy
 from stormpy.exceptions import StormError
 
+from merap.checker.exchange import Answer
 from merap.checker.storm_messages import UnsupportedPropertyError, translate
 from merap.errors import EngineError, InputError, MerapError
 from merap.mdp.model import Bools, Floats, Ints
@@ -192,3 +193,20 @@ def translated(place: str, user_error: type[MerapError] = InputError, model: Any
         raise translate(str(error), place, user_error, known) from error
     except MemoryError as error:
         raise EngineError(f"{place}: Storm ran out of memory") from error
+
+
+def mean_answer(values: Values, weights: Floats, holds: bool | None) -> Answer:
+    """Return the mean over the initial states; infinite where the value of one is."""
+    states = np.flatnonzero(weights)
+    mean, lower, upper = (
+        float(weights[states] @ column[states]) for column in (values.value, values.lower, values.upper)
+    )
+    return Answer(
+        mean,
+        None if np.isnan(lower) else lower,
+        None if np.isnan(upper) else upper,
+        holds,
+        exact=values.exact,
+        least=float(values.value[states].min()),
+        greatest=float(values.value[states].max()),
+    )

@@ -16,7 +16,7 @@ import typer
 
 from merap.checker.storm import build_text
 from merap.checker.storm_model import StormModel
-from merap.concerns.case_study import load_case
+from merap.families.loading import load_case
 from merap.learning.config import TrainingConfig
 from merap.runs.train import train
 from merap.strategies.adaptation import adapt
