@@ -24,10 +24,11 @@ from merap.belief.planning import FinitePlan, Refined, plan, policy_values
 from merap.belief.posterior import Belief
 from merap.belief.space import HypothesisSpace
 from merap.learning.exact import expected_return
-from merap.learning.meta import MetaPolicy, on_index
+from merap.learning.meta import MetaPolicy
 from merap.learning.policy import Parameters, policy_table
 from merap.learning.tasks import TaskBatch, branch_batch
 from merap.mdp.model import Floats
+from merap.runs.policy_on_index import on_index
 
 # Of what an informed policy earns above the plan, in units of the range of rewards.
 NEGLIGIBLE_GAP = 1e-3

@@ -1,4 +1,4 @@
-"""What solving properties needs to know of a model.
+"""Define what a model tells those who solve properties.
 
 Axes: S states, C choices.
 """
@@ -25,7 +25,7 @@ class CheckedModel(Models, Protocol):
 
     @property
     def is_chain(self) -> bool:
-        """Whether no state has a choice to make."""
+        """Tell whether no state has a choice to make."""
 
     @property
     def structures(self) -> tuple[str, ...]:

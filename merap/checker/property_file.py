@@ -17,7 +17,7 @@ from merap.program.names import suggestion
 
 Node: TypeAlias = Tree[Any]
 MAX_SHOWN = 60
-# Of Storm's language, beyond PRISM's.
+# These forms belong to Storm's language, not to PRISM's.
 _OTHER_LOGIC = re.compile(r"(?P<quantile>\bquantile\()|(?P<conditional>\|\|)|(?P<cost>\b[FGUC]\{)")
 _NAMED = {"quantile": "quantile(..)", "conditional": "a || b", "cost": "a bound on rewards"}
 

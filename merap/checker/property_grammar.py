@@ -6,9 +6,13 @@ from functools import lru_cache
 
 from lark import Lark
 
+from merap.program.expressions.grammar import OPERATORS
+
 # As in PRISM's own grammar, `F a | b` is F of (a | b), and `a U b` binds least of all. Beside PRISM's
 # language, Storm's `LRA`, `T` and `C<=kdiscount=d` are read.
-GRAMMAR = r"""
+GRAMMAR = (
+    OPERATORS
+    + r"""
 start: (constant | label | property | ";")*
 constant: "const" [TYPE] NAME ["=" formula] ";"
 label: "label" NAME_OR_LABEL "=" formula ";"
@@ -16,15 +20,6 @@ property: [LABEL ":"] formula
 ?formula: path
 ?path: temporal | temporal UNTIL [bounds] temporal -> binary_path
 ?temporal: conditional | NEXT [bounds] temporal -> unary_path
-?conditional: implication | implication "?" conditional ":" conditional -> choose
-?implication: equivalence | implication IMPLIES equivalence -> binary
-?equivalence: disjunction | equivalence IFF disjunction -> binary
-?disjunction: conjunction | disjunction OR conjunction -> binary
-?conjunction: negation | conjunction AND negation -> binary
-?negation: equality | NOT negation -> unary
-?equality: relation | equality EQUALS relation -> binary
-?relation: sum | relation ORDER sum -> binary
-?sum: product | sum ADD product -> binary
 ?product: power | product TIMES power -> binary
 ?power: minus | minus "^" power -> power
 ?minus: atom | "-" minus -> minus
@@ -87,6 +82,7 @@ NUMBER: /\d+(\.\d+)?([eE][+-]?\d{1,3})?/
 %ignore /[ \t\r\n]+/
 %ignore /\/\/[^\n]*/
 """
+)
 
 
 @lru_cache(maxsize=1)

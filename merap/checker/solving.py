@@ -72,7 +72,7 @@ class Values:
 
 @dataclass(frozen=True)
 class Bound:
-    """What a value is compared with.
+    """The bound that a formula compares its value with.
 
     Attributes:
         comparison: `<`, `<=`, `>` or `>=`.
@@ -84,7 +84,7 @@ class Bound:
 
     @property
     def asks_for_more(self) -> bool:
-        """Whether greater values meet it."""
+        """Tell whether greater values meet the bound."""
         return self.comparison.startswith(">")
 
     def of_complement(self) -> Bound:

@@ -92,7 +92,7 @@ class StormModel:
 
     @property
     def is_chain(self) -> bool:
-        """Whether it is a Markov chain."""
+        """Tell whether the model is a Markov chain."""
         return bool(self.model.model_type == ModelType.DTMC)
 
     @cached_property

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
 from merap.errors import InputError
-from merap.families.observation import VariableKind, observation_features
 from merap.learning.config import TrainingConfig
 from merap.learning.gradient_step import StepRule
 from merap.learning.policy import Parameters, PolicyNetwork
 from merap.learning.tasks import TaskBatch
-from merap.mdp.index import FamilyIndex
-
-# The weights of which a state that is observed one-hot has a row.
-ROWS = "layer0.weight"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,33 +77,3 @@ def carried_over(meta: MetaPolicy, tasks: TaskBatch) -> MetaPolicy:
         )
     seen = replace(network, num_states=tasks.num_states, features=tasks.features)
     return replace(meta, network=seen)
-
-
-def on_index(
-    meta: MetaPolicy,
-    source: FamilyIndex,
-    target: FamilyIndex,
-    kinds: Sequence[VariableKind] | None = None,
-) -> MetaPolicy:
-    """A meta policy on another index of its family: it acts alike in the states that both hold.
-
-    Args:
-        meta: a policy for the states of `source`.
-        source: its index.
-        target: the other index. Weights of a state that `source` lacks are 0, if states are observed one-hot.
-        kinds: of the variables, for features of the states that `source` lacks; None: these are 0.
-
-    Raises:
-        ModelError: a value of `target` is out of its variable's range.
-    """
-    numbers = torch.from_numpy(target.numbers_on(source))
-    known = (numbers >= 0).unsqueeze(1)
-    network = replace(meta.network, num_states=target.num_states, features=None)
-    if meta.network.features is None:
-        rows = {ROWS: meta.parameters[ROWS][numbers] * known}
-        return replace(meta, network=network, parameters=meta.parameters | rows)
-    features = meta.network.features[numbers] * known
-    if kinds is not None:
-        found = observation_features(kinds, target.valuations, target.is_completed)
-        features = torch.from_numpy(found).to(features.dtype)
-    return replace(meta, network=replace(network, features=features))

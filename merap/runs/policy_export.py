@@ -17,7 +17,7 @@ from merap.concerns.case_study import CaseStudy
 from merap.concerns.combination import Combination
 from merap.families.build import ModelBase
 from merap.families.models import built
-from merap.learning.meta import MetaPolicy, on_index
+from merap.learning.meta import MetaPolicy
 from merap.learning.policy import action_logits, log_policy
 from merap.mdp.alignment import align_actions
 from merap.mdp.chain import induced_chain
@@ -26,6 +26,7 @@ from merap.mdp.index import FamilyIndex
 from merap.mdp.model import Bools, Floats, Ints, TabularMDP
 from merap.prism.rendering import render_policy
 from merap.program.form import StateVariable
+from merap.runs.policy_on_index import on_index
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,11 @@ import torch
 from merap.errors import InputError
 from merap.families.build import ModelBase
 from merap.learning.config import TrainingConfig
-from merap.learning.meta import MetaPolicy, carried_over, on_index
+from merap.learning.meta import MetaPolicy, carried_over
 from merap.learning.policy import flat
 from merap.learning.tasks import TaskBatch
 from merap.learning.training import TrainingState, initial_state, policy_network
+from merap.runs.policy_on_index import on_index
 
 # What says which policy a configuration has: another run's parameters fit no other.
 NETWORK_SETTINGS = ("observation", "hidden", "activation")

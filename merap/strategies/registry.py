@@ -21,12 +21,13 @@ from merap.concerns.lookup import declared_case
 from merap.errors import InputError
 from merap.families.build import ModelBase
 from merap.families.models import built
-from merap.learning.meta import MetaPolicy, on_index
+from merap.learning.meta import MetaPolicy
 from merap.learning.tasks import TaskBatch
 from merap.mdp.index import FamilyIndex, carried
 from merap.mdp.model import Floats, TabularMDP
 from merap.program.names import suggestion
 from merap.runs.checkpoint import read_policy
+from merap.runs.policy_on_index import on_index
 from merap.runs.run_folder import RunFolder, read_base
 from merap.runs.train import batch_of
 from merap.strategies.baselines import joint_policy, pretrained_policies

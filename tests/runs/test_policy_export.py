@@ -13,11 +13,12 @@ from merap.checker.storm import build_text
 from merap.concerns.lookup import declared_case
 from merap.families.models import built
 from merap.learning.config import TrainingConfig
-from merap.learning.meta import MetaPolicy, on_index
+from merap.learning.meta import MetaPolicy
 from merap.learning.policy import policy_table
 from merap.mdp.evaluation import expected_return
 from merap.runs.checkpoint import read_policy
 from merap.runs.policy_export import csv_text, npz_bytes, prism_text, tabulate
+from merap.runs.policy_on_index import on_index
 from merap.runs.run_folder import RunFolder, read_base
 from merap.runs.train import batch_of, tasks_of
 from merap.strategies.adaptation import adapt

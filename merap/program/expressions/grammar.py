@@ -7,10 +7,8 @@ from functools import lru_cache
 
 from lark import Lark
 
-# A name may say whose it is, as in `environment.up`; a label stands in quotes.
-# As in PRISM, operators of one level group to the left, `=>` too, and `!` binds less than `=`.
-GRAMMAR = r"""
-?start: conditional
+# From what binds least to sums, as PRISM has it; both grammars define what products are of.
+OPERATORS = r"""
 ?conditional: implication | implication "?" conditional ":" conditional -> choose
 ?implication: equivalence | implication IMPLIES equivalence -> binary
 ?equivalence: disjunction | equivalence IFF disjunction -> binary
@@ -20,6 +18,14 @@ GRAMMAR = r"""
 ?equality: relation | equality EQUALS relation -> binary
 ?relation: sum | relation ORDER sum -> binary
 ?sum: product | sum ADD product -> binary
+"""
+
+# A name may say whose it is, as in `environment.up`; a label stands in quotes.
+# As in PRISM, operators of one level group to the left, `=>` too, and `!` binds less than `=`.
+GRAMMAR = (
+    "?start: conditional\n"
+    + OPERATORS
+    + r"""
 ?product: minus | product TIMES minus -> binary
 ?minus: atom | "-" minus -> negate
 ?atom: NUMBER -> number | "true" -> true | "false" -> false | (NAME | LABEL) -> variable
@@ -43,6 +49,7 @@ LABEL: /"[A-Za-z_][A-Za-z0-9_]*"/
 NUMBER: /\d+(\.\d+)?([eE][+-]?\d{1,3})?/
 %ignore /[ \t\r\n]+/
 """
+)
 
 ARITIES: Mapping[str, range] = {
     "min": range(2, 100),
