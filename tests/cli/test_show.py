@@ -9,41 +9,14 @@ import pytest
 
 from tests.support.command_line import merap, refused
 from tests.support.paths import MODELS
+from tests.support.prism_families import LAMPS, LAMPS_CASE
 from tests.support.process_cases import SERVICE
-
-LAMPS_TEXT = """\
-mdp
-const int prize;
-const double stick;
-module lamps
-  place : [0..3] init 0;
-  lit : bool init false;
-  [left] !lit -> (place'=max(place-1, 0));
-  [right] !lit -> (place'=min(place+1, 3));
-  [switch] !lit -> 1-stick : (lit'=(place=prize)) + stick : true;
-endmodule
-label "goal" = lit;
-rewards "steps" !lit : 1; endrewards
-"""
-LAMPS = """\
-case: lamps
-program: {file: lamps.prism}
-environment:
-  parameters: {prize: {int: [0, 3]}}
-  configurations: {generate: {prize: {from: all}}}
-capability:
-  parameters: {stick: {probability: [0, 1]}}
-  configurations: {smooth: {stick: 0.1}, sticky: {stick: 0.5}}
-objective: {ends_in: '"goal"', reward: steps, sign: -1, horizon: 30}
-online:
-  met: {environment: {prize: 2}, capability: {stick: 0.3}}
-"""
 
 
 @pytest.fixture
 def lamps(tmp_path: Path) -> Path:
-    (tmp_path / "lamps.prism").write_text(LAMPS_TEXT, encoding="utf-8")
-    (tmp_path / "lamps.yaml").write_text(LAMPS, encoding="utf-8")
+    (tmp_path / "lamps.prism").write_text(LAMPS, encoding="utf-8")
+    (tmp_path / "lamps.yaml").write_text(LAMPS_CASE, encoding="utf-8")
     return tmp_path / "lamps.yaml"
 
 

@@ -14,35 +14,7 @@ from merap.families.prism_family import WrittenCase
 from merap.mdp.comparison import compare
 from merap.mdp.planning import optimum
 from merap.mdp.umb import read_umb
-from tests.support.prism_families import WALK, WALK_CASE, write_case, written_case
-
-LAMPS = """\
-mdp
-const int prize;
-const double stick;
-module lamps
-  place : [0..3] init 0;
-  lit : bool init false;
-  [left] !lit -> (place'=max(place-1, 0));
-  [right] !lit -> (place'=min(place+1, 3));
-  [switch] !lit -> 1-stick : (lit'=(place=prize)) + stick : true;
-endmodule
-label "goal" = lit;
-rewards "steps" !lit : 1; endrewards
-"""
-LAMPS_CASE = """\
-case: lamps
-program: {file: lamps.prism}
-environment:
-  parameters: {prize: {int: [0, 3]}}
-  configurations: {generate: {prize: {from: all}}}
-capability:
-  parameters: {stick: {probability: [0, 1]}}
-  configurations: {smooth: {stick: 0.1}, sticky: {stick: 0.5}}
-objective: {goal: '"goal"', ends_in: '"goal"', reward: steps, sign: -1, horizon: 30}
-online:
-  met: {environment: {prize: 2}, capability: {stick: 0.3}}
-"""
+from tests.support.prism_families import LAMPS, LAMPS_CASE, WALK, WALK_CASE, write_case, written_case
 
 
 @pytest.fixture(scope="module")

@@ -59,6 +59,33 @@ objective:
 online:
   met: {environment: {top: 4, slip: 0.5}, capability: {lazy: false}, objective: {limit: 7}}
 """
+LAMPS = """\
+mdp
+const int prize;
+const double stick;
+module lamps
+  place : [0..3] init 0;
+  lit : bool init false;
+  [left] !lit -> (place'=max(place-1, 0));
+  [right] !lit -> (place'=min(place+1, 3));
+  [switch] !lit -> 1-stick : (lit'=(place=prize)) + stick : true;
+endmodule
+label "goal" = lit;
+rewards "steps" !lit : 1; endrewards
+"""
+LAMPS_CASE = """\
+case: lamps
+program: {file: lamps.prism}
+environment:
+  parameters: {prize: {int: [0, 3]}}
+  configurations: {generate: {prize: {from: all}}}
+capability:
+  parameters: {stick: {probability: [0, 1]}}
+  configurations: {smooth: {stick: 0.1}, sticky: {stick: 0.5}}
+objective: {goal: '"goal"', ends_in: '"goal"', reward: steps, sign: -1, horizon: 30}
+online:
+  met: {environment: {prize: 2}, capability: {stick: 0.3}}
+"""
 
 
 def written_case(folder: Path, case: str, **files: str) -> WrittenCase:
